@@ -24,6 +24,7 @@ from gaussray.reconstruct.initialize.pose_cost import (
     Pictures,
     Pose,
     mismatch_at,
+    rest_pose,
     toward_views,
 )
 from gaussray.reconstruct.initialize.pose_search import (
@@ -99,19 +100,20 @@ def track(
 
     def found_by(
         work: str, bodies: Bodies, gaussians: MovingGaussians
-    ) -> tuple[Known, list[Pose], Mismatch]:
+    ) -> tuple[Known, Known, list[Pose], Mismatch]:
         pixel = _pixel_width(first.views, bodies.pivot, shrink)
         known = _known(bodies, gaussians, pixel, options.points, seed)
         judged = toward_views(known, first)
-        return known, *_found(key, known, judged, instants, pictures_at, options, report(work))
+        found = _found(key, known, judged, instants, pictures_at, options, report(work))
+        return known, judged, *found
 
-    known, poses, mismatch = found_by("track", bodies, gaussians)
+    known, judged, poses, mismatch = found_by("track", bodies, gaussians)
     if (groups := regrouped(bodies, gaussians, known, mismatch)) is not None:
         bodies, gaussians = groups
-        known, poses, mismatch = found_by("track again", bodies, gaussians)
+        known, judged, poses, mismatch = found_by("track again", bodies, gaussians)
     steady = _with_steady_turns(key, known, poses, instants, pictures_at, options)
     if steady is not poses:
-        poses, judged = steady, toward_views(known, first)
+        poses = steady
         mismatch = _summed(
             [mismatch_at(pose, judged, pictures_at(i)) for i, pose in enumerate(steady) if i]
         )
@@ -186,8 +188,7 @@ def _found(
     """The poses of known bodies at all times, one time after the other; and how much these bodies,
     as they are judged (`toward_views`), differ from the pictures, summed over the times."""
     count = len(known.size)
-    identity = jnp.zeros((count, 4), jnp.float32).at[:, 0].set(1)
-    poses = [Pose(jnp.zeros((count, 3), jnp.float32), identity)]
+    poses = [rest_pose(known)]
     costs, mismatches = [np.zeros(count)], []
     for i in range(1, len(instants)):
         pictures = pictures_at(i)

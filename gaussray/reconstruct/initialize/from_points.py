@@ -20,7 +20,7 @@ from gaussray.scene.harmonics import constant_harmonics
 # a regular grid all distances but those at the border are equal.
 _AROUND, _SPREAD = 16, 0.2
 
-# Rounds of the search for the smallest ball, whose error falls with their number: a hundredth.
+# Rounds of the search for the smallest ball around points: its radius is then right to a hundredth.
 _ROUNDS = 100
 
 # Typical gaps within which points belong together: leaves on their stems need 5
@@ -280,22 +280,21 @@ def _groups(
 
 
 def ball_around(
-    position: Float[np.ndarray, "points 3"], gap: float | None = None
+    position: Float[np.ndarray, "points 3"], gap: float
 ) -> tuple[Float[np.ndarray, "3"], float]:
     """Centre of the smallest ball that holds points (Badoiu and Clarkson 2003), and its radius with
     a margin. Of a thing that is seen from above alone, their mean would be too high.
 
     Args:
         position: places in the world, at least one.
-        gap: how far points are apart; None measures it.
+        gap: typical distance of neighbouring points, a part of the margin.
     """
     center = position.mean(axis=0, dtype=np.float64)
     for i in range(1, _ROUNDS):
         farthest = np.argmax(np.sum(np.square(position - center), axis=1))
         center += (position[farthest] - center) / (i + 1)
     reach = float(np.linalg.norm(position - center, axis=1).max())
-    margin = typical_gap(position) if gap is None else gap
-    return center.astype(position.dtype), 1.05 * reach + margin
+    return center.astype(position.dtype), 1.05 * reach + gap
 
 
 def in_common_view(

@@ -90,6 +90,12 @@ class Mismatch(NamedTuple):
     weight: Float[np.ndarray | Array, "2 bodies points"]
 
 
+def rest_pose(known: Known) -> Pose:
+    """The pose of all bodies at the first time."""
+    turn = jnp.zeros((len(known.size), 4), known.pivot.dtype).at[:, 0].set(1)
+    return Pose(jnp.zeros_like(known.pivot), turn)
+
+
 @eqx.filter_jit
 def mismatch_at(pose: Pose, known: Known, pictures: Pictures) -> Mismatch:
     """Mean differences of colour and brightness of all bodies at a time, in the sharpest pictures.
@@ -103,7 +109,6 @@ def mismatch_at(pose: Pose, known: Known, pictures: Pictures) -> Mismatch:
     sharpest, count = pictures.layers[-1][..., :-1], len(known.size)
     known = known._replace(look=known.look[..., :-1])
     others = Others(pose, jnp.zeros(count, bool))
-    rest = Pose(jnp.zeros_like(pose.path), jnp.zeros_like(pose.turn).at[:, 0].set(1))
 
     def one(body: Array, at: Pose) -> tuple[Array, Array, Array]:
         own = jax.tree.map(lambda x: x[body], known)
@@ -119,7 +124,7 @@ def mismatch_at(pose: Pose, known: Known, pictures: Pictures) -> Mismatch:
         at = Pose(of.path[None] + turned - arm, jnp.broadcast_to(of.turn[None], pose.turn.shape))
         return jax.vmap(one)(jnp.arange(count), at)[0]
 
-    both = [jax.vmap(one)(jnp.arange(count), at) for at in (pose, rest)]
+    both = [jax.vmap(one)(jnp.arange(count), at) for at in (pose, rest_pose(known))]
     (moved, rests), point, weight = (jnp.stack(x) for x in zip(*both, strict=True))
     return Mismatch(moved, rests, jax.lax.map(as_parts_of, jnp.arange(count)), point, weight)
 
@@ -134,8 +139,7 @@ def toward_views(known: Known, pictures: Pictures) -> Known:
         pictures: what the cameras show at the first time.
     """
     sharpest, count = pictures.layers[-1][..., :-1], len(known.size)
-    identity = jnp.zeros((count, 4), known.pivot.dtype).at[:, 0].set(1)
-    rest = Pose(jnp.zeros_like(known.pivot), identity)
+    rest = rest_pose(known)
     others = Others(rest, jnp.zeros(count, bool))
 
     def one(body: Array, pose: Pose) -> Array:

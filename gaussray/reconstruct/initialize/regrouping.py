@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from gaussray.reconstruct.initialize.from_points import ball_around, inliers
+from gaussray.reconstruct.initialize.from_points import ball_around, inliers, typical_gap
 from gaussray.reconstruct.initialize.pose_cost import Known, Mismatch
 from gaussray.scene.bodies import Bodies, bodies_at_rest
 
@@ -23,8 +23,8 @@ from gaussray.scene.bodies import Bodies, bodies_at_rest
 # 0.75 for the bodies of the sample and of two other captures, 0.95 to 1.05 for the floor and walls.
 # By the motion of another body, too, its points are explained if it leaves less.
 WORTH = 0.85
-# And what is left of a body that is cut moves if it leaves less than that: its points were chosen
-# among those that do.
+# What is left of a body that is cut must leave less than this: its points were chosen because they
+# seem to move. This and the next two were set on one ball that rolls (experiments/captures/log.md).
 SURELY = 0.65
 # Points are judged with so many around them: one alone has the colour of its surroundings by
 # chance.
@@ -70,6 +70,7 @@ def regrouped(
     if not rests.any() and len(np.unique(label)) == count:
         return None
     own, position = gaussians.body.copy(), gaussians.position
+    gap = typical_gap(position)
     for body in np.flatnonzero(rests.any(axis=1)):
         rows = np.flatnonzero(own == body)
         near = KDTree(place[body]).query(position[rows])[1]
@@ -78,7 +79,7 @@ def regrouped(
     own = np.append(label, count)[own]
     for body in changed:
         group = position[own == body]
-        pivot[body], radius[body] = ball_around(group[inliers(group, STRAY_POINTS)])
+        pivot[body], radius[body] = ball_around(group[inliers(group, STRAY_POINTS)], gap)
     left = np.unique(label[move(mismatch) | rests.any(axis=1)])
     index = np.full(count + 1, len(left))
     index[left] = np.arange(len(left))
@@ -90,8 +91,8 @@ def resting_points(
     place: Float[np.ndarray, "bodies points 3"], mismatch: Mismatch
 ) -> Bool[np.ndarray, "bodies points"]:
     """Which points the pictures show where they were at the first time, rather than where the body
-    went. None of a body of which what is left would move hardly enough to be one: what is left of
-    a body that rests moves by chance.
+    went. A body is cut only if what is left of it clearly moves: else it rests as a whole, and some
+    of its points seem to move by chance.
 
     Args:
         place: points of each body at the first time.

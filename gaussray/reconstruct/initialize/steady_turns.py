@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 # difference of colour, and the largest change that counts: a body that was hit may spin anyhow.
 # From 0.005 to 0.02 the balls of the capture that chose it get the same turns.
 STEADY, HIT = 0.01, 1.0
-# A body that is hit turns as it did before and then as it does after, and no farther: what a radian
-# beyond adds; in the first and the last interval, beyond the spin next to it. A body that is taken
-# for its likeness is turned by all that tells both apart.
+# The mean spin between two pictures lies between the spins before and after, also if a body is hit
+# there; one that is taken for its likeness leaps by far more. What a radian beyond adds; in the
+# first and the last interval, beyond the one spin next to it. Set on one ball that rolls.
 LEAP = 0.02
 # Of turns that explain the pictures alike, the nearest: what each radian between pictures adds.
 NEARER = 0.003

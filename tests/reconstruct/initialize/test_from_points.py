@@ -7,6 +7,7 @@ import pytest
 
 from gaussray.capture.points import Points
 from gaussray.reconstruct.initialize.from_points import (
+    ball_around,
     bodies,
     inliers,
     merged,
@@ -136,3 +137,15 @@ def test_a_budget_keeps_so_many_points_in_their_order():
     chosen = thinned(20, count=7, seed=1)
     assert chosen.shape == (7,) and (np.diff(chosen) > 0).all() and chosen.max() < 20
     np.testing.assert_array_equal(thinned(20, count=20, seed=1), np.arange(20))
+
+
+@pytest.mark.parametrize("cap", [1.0, 0.0])
+def test_the_smallest_ball_around_half_a_ball_is_that_of_the_ball(cap):
+    dice = np.random.default_rng(0)
+    place = dice.normal(size=(20_000, 3))
+    place /= np.linalg.norm(place, axis=1, keepdims=True)
+    place = place[place[:, 2] > -cap]
+    center, radius = ball_around(np.array([3.0, -1, 2]) + 0.5 * place, gap=0.01)
+    # A hundredth of the radius; the centre of a half is told less well along its axis.
+    np.testing.assert_allclose(center, [3, -1, 2], atol=0.02)
+    assert radius == pytest.approx(1.05 * 0.5 + 0.01, rel=0.015)

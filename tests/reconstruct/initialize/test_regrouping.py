@@ -49,7 +49,7 @@ def test_noise_of_single_points_says_nothing():
     place, difference, weight, rests = group(0.3)
     noise = np.random.default_rng(1).uniform(0, 2, size=difference.shape)
     found = resting_points(place, judged(difference * noise, weight))
-    # Means of eight points differ by a tenth of what they are.
+    # Means of eight such values differ by a fifth of what they are.
     assert np.mean(found[0] == rests) > 0.97
 
 
