@@ -19,33 +19,19 @@ from gaussray.capture.picture_file import shown_size
 from gaussray.capture.selection import Selection, selected
 from gaussray.reconstruct.data.segments import training_views
 from gaussray.reconstruct.data.still_cameras import one_at_a_time
-from gaussray.reconstruct.initialize.body_tracking import TrackOptions
 from gaussray.reconstruct.machine import Machine
 from gaussray.reconstruct.motion_trial import CAMERAS
-from gaussray.reconstruct.optimize.density import DensityOptions
-from gaussray.reconstruct.optimize.loss import LossOptions
 from gaussray.reconstruct.options import FitOptions, ReconstructOptions
-from gaussray.tracer.trace import TraceOptions
+from gaussray.reconstruct.presets import (
+    body_preset,
+    from_rest_preset,
+    still_preset,
+    transient_preset,
+    where_few_look,
+)
 
 
 T = TypeVar("T", bound=eqx.Module)
-
-# Steps of each stage of rigid bodies on a GPU (fit=full); on a CPU those of fit=default.
-_BODIES_GPU = FitOptions(coarse=600, fine=16000, tiles=512, opacity=0.6, motion="deformation")
-# On stereo's points: twice as many rays in half as many steps, in tiles that SSIM can look at.
-_BODIES_STEREO = FitOptions(
-    coarse=600,
-    fine=8000,
-    tiles=256,
-    tile_side=16,
-    degree=2,
-    rise=1000,
-    opacity=0.5,
-    motion="deformation",
-)
-# The largest number of Gaussians with bodies, unless more points are there from the start.
-_MOST_BODIES = 200_000
-
 
 MOTION_NOUNS = {
     "deformation": "rigid bodies and a deformation field",
@@ -90,13 +76,14 @@ def effort(capture: Capture, options: ReconstructOptions, machine: Machine) -> E
         views = training_views(capture)
     pixels = _pixels(views)
     if still:
-        chosen = _still(pixels, minutes, machine)
+        chosen = still_preset(pixels, minutes, machine)
     elif names[0] == "deformation":
-        chosen = _bodies(pixels, machine, options.track, given=_given(capture, options.fit))
+        chosen = body_preset(pixels, machine, options.track, given=_given(capture, options.fit))
     elif names[0] == "from_rest":
-        chosen = _from_rest(pixels, minutes, machine)
+        chosen = from_rest_preset(pixels, minutes, machine)
     else:
-        chosen = _brief(pixels, minutes, machine, names[0])
+        chosen = transient_preset(pixels, minutes, machine, names[0])
+    chosen = where_few_look(chosen, len(set(viewpoints(views))), machine)
     steps = options.fit.coarse, options.fit.fine
     options = with_defaults(options, chosen)
     if steps != (FitOptions().coarse, FitOptions().fine) or not chosen.fit.minutes:
@@ -197,125 +184,6 @@ def _along_a_path(views: Sequence[View]) -> bool:
     eye = eye[np.argsort([view.time for view in views], kind="stable")]
     step = np.median(np.linalg.norm(np.diff(eye, axis=0), axis=1))
     return bool(step < 0.5 * np.sqrt(np.sum(np.var(eye, axis=0))))
-
-
-def _still(pixels: float, minutes: float, machine: Machine) -> ReconstructOptions:
-    """For pictures of one time: relocation under a budget, SSIM, harmonics by degrees."""
-    larger = float(np.clip(math.sqrt(pixels / machine.pixels), 1.0, 4.0))
-    # Beyond, a step takes so much longer that the same time shows less
-    # (experiments/captures/log.md).
-    share = 25 if machine.gpu else 50
-    low, high = (50_000, 250_000 * larger) if machine.gpu else (10_000, 40_000)
-    gaussians = int(np.clip(pixels / share, low, high))
-    return ReconstructOptions(
-        fit=FitOptions(
-            minutes=minutes,
-            tiles=machine.tiles,
-            tile_side=32,
-            validate=0.015,
-            # Much of a picture may be plain: a wall, the sky, what an object stands before.
-            error=0.5,
-            degree=3 if machine.gpu else 1,
-            rise=1000 if machine.gpu else 300,
-            opacity=0.5,
-            # Few at first: large Gaussians find the shapes, copies of them the details.
-            points=gaussians // 4,
-        ),
-        loss=LossOptions(l1=0.8, dssim=0.2),
-        optimizer=machine.rates(still=True),
-        density=DensityOptions(
-            kind="relocate",
-            interval=100 if machine.gpu else 25,
-            start=0.04,
-            stop=0.85,
-            opacity=0.005,
-            gaussians=gaussians,
-            opacity_cost=0.03 if machine.gpu else 0.01,
-            scale_cost=0.03 if machine.gpu else 0.01,
-        ),
-        trace=_trace(machine),
-    )
-
-
-def _brief(pixels: float, minutes: float, machine: Machine, motion: str) -> ReconstructOptions:
-    """For motion of any kind: transient Gaussians (fit.motion), with relocation and SSIM."""
-    low, high = (100_000, 1_000_000) if machine.gpu else (30_000, 60_000)
-    gaussians = int(np.clip(pixels / 85, low, high))
-    return ReconstructOptions(
-        fit=FitOptions(
-            minutes=minutes,
-            tiles=machine.tiles_brief,
-            tile_side=32,
-            validate=0.015,
-            degree=2 if machine.gpu else 0,
-            rise=1000 if machine.gpu else 0,
-            opacity=0.5,
-            motion=motion,
-            points=gaussians // 4,
-            instants=machine.instants,
-        ),
-        loss=LossOptions(l1=0.8, dssim=0.2),
-        optimizer=machine.rates(still=False),
-        density=DensityOptions(
-            kind="relocate",
-            interval=100 if machine.gpu else 25,
-            start=0.04,
-            stop=0.85,
-            opacity=0.005,
-            gaussians=gaussians,
-            opacity_cost=0.02 if machine.gpu else 0.01,
-            scale_cost=0.02 if machine.gpu else 0.01,
-            transient_cost=10.0 if machine.gpu else 1.0,
-        ),
-        trace=_trace(machine),
-    )
-
-
-def _trace(machine: Machine) -> TraceOptions:
-    """How the rays of a step are traced. Their hits are many: with k of 32 instead of 16 an H100
-    takes three quarters of the time (experiments/captures/log.md)."""
-    return TraceOptions(k=32 if machine.gpu else 16, levels=0, transmittance_min=1e-3)
-
-
-def _bodies(
-    pixels: float, machine: Machine, track: TrackOptions, *, given: bool
-) -> ReconstructOptions:
-    """For rigid bodies and a field: the defaults on a CPU; on a GPU more steps and Gaussians, and a
-    search of more poses unless the user set one of its options, which belong together. On stereo's
-    points, relocation, SSIM and harmonics better all of it; on given ones what moves gets worse
-    (experiments/captures/log.md)."""
-    if not machine.gpu:
-        return ReconstructOptions(fit=FitOptions(motion="deformation"))
-    chosen = ReconstructOptions(
-        fit=_BODIES_GPU,
-        density=DensityOptions(interval=100, growth=8.0, gaussians=_MOST_BODIES),
-        trace=_trace(machine),
-        track=TrackOptions(poses=512, elite=40) if track == TrackOptions() else track,
-    )
-    if given:
-        return chosen
-    brief = _brief(pixels, 0.0, machine, "deformation")
-    density = replace(brief.density, gaussians=_MOST_BODIES)
-    return replace(chosen, fit=_BODIES_STEREO, loss=brief.loss, density=density)
-
-
-def _from_rest(pixels: float, minutes: float, machine: Machine) -> ReconstructOptions:
-    """For pictures each of which has a time of its own: Gaussians that all times share, on control
-    points that begin at rest."""
-    brief = _brief(pixels, minutes, machine, "from_rest")
-    # All times share them, and all follow control points.
-    low, high = (50_000, 150_000) if machine.gpu else (10_000, 20_000)
-    gaussians = int(np.clip(pixels / 300, low, high))
-    return replace(
-        brief,
-        fit=replace(
-            brief.fit,
-            coarse=1500 if machine.gpu else 300,
-            tiles=machine.tiles,
-            points=gaussians // 2,
-        ),
-        density=replace(brief.density, gaussians=gaussians),
-    )
 
 
 def _sentence(options: ReconstructOptions, views: Sequence[View], scale: float, still: bool) -> str:

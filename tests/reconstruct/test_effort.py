@@ -27,6 +27,7 @@ from gaussray.reconstruct.initialize.body_tracking import TrackOptions
 from gaussray.reconstruct.machine import Machine
 from gaussray.reconstruct.optimize.density import DensityOptions
 from gaussray.reconstruct.optimize.learning_rates import OptimizerOptions
+from gaussray.reconstruct.optimize.loss import LossOptions
 from gaussray.reconstruct.options import FitOptions, ReconstructOptions
 from gaussray.reconstruct.run_progress import (
     Course,
@@ -162,6 +163,29 @@ def test_rigid_bodies_keep_the_defaults_on_a_cpu_and_grow_on_a_gpu():
         assert not on_gpu.fit.minutes
         # On stereo's points, what stands still is fitted as without bodies.
         assert on_gpu.density.relocates == (on_gpu.loss.dssim > 0) == (points is None)
+
+
+@pytest.mark.parametrize("still", [True, False])
+def test_opacity_costs_more_where_few_viewpoints_show_a_scene(still):
+    def cost(places, machine=GPU, options=AUTO):
+        taken = from_places(places)
+        if still:
+            taken = replace(taken, views=[v for v in taken.views if v.time == 0.0])
+        return effort(taken, options, machine).options.density.opacity_cost
+
+    usual = cost(200)
+    # As much as one of n viewpoints, between what many have and a limit.
+    assert cost(20) == pytest.approx(2 * cost(40)) and cost(20) > usual
+    assert usual < cost(10) == cost(5) < 1
+    # Those of fewer show nothing but themselves, and a CPU takes too few steps.
+    assert cost(4) == usual and cost(10, CPU) == cost(200, CPU)
+    own = replace(AUTO, density=DensityOptions(kind="relocate", opacity_cost=0.3))
+    assert cost(10, options=own) == 0.3
+
+
+def test_a_field_on_bodies_without_given_points_is_smooth_in_time():
+    wanted = ReconstructOptions(fit=FitOptions(motion="deformation"))
+    assert effort(from_places(9), wanted, GPU).options.loss.time > LossOptions().time
 
 
 @pytest.mark.parametrize("machine", [CPU, GPU])

@@ -1,0 +1,207 @@
+"""The options that suit a kind of motion on a machine, for fit=auto (`effort`)."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from gaussray.reconstruct.initialize.body_tracking import TrackOptions
+from gaussray.reconstruct.machine import Machine
+from gaussray.reconstruct.optimize.density import DensityOptions
+from gaussray.reconstruct.optimize.loss import LossOptions
+from gaussray.reconstruct.options import FitOptions, ReconstructOptions
+from gaussray.tracer.trace import TraceOptions
+
+
+# Steps of each stage of rigid bodies on a GPU (fit=full); on a CPU those of fit=default.
+_BODIES_GPU = FitOptions(coarse=600, fine=16000, tiles=512, opacity=0.6, motion="deformation")
+# On stereo's points: twice as many rays in half as many steps, in tiles that SSIM can look at.
+_BODIES_STEREO = FitOptions(
+    coarse=600,
+    fine=8000,
+    tiles=256,
+    tile_side=16,
+    degree=2,
+    rise=1000,
+    opacity=0.5,
+    motion="deformation",
+)
+# The largest number of Gaussians with bodies, unless more points are there from the start.
+_MOST_BODIES = 200_000
+# On stereo's points: what the field costs that is not smooth in time. Bodies move without it.
+_SMOOTH_FIELD = 0.03
+# What opacity costs, times the number of viewpoints that share a scene, and at most; and the fewest
+# viewpoints that show a scene from elsewhere, too (experiments/captures/log.md).
+_COST_OF_OPACITY, _MOST_COST, _FEWEST = 2.0, 0.2, 5
+
+
+def still_preset(pixels: float, minutes: float, machine: Machine) -> ReconstructOptions:
+    """For pictures of one time: relocation under a budget, SSIM, harmonics by degrees.
+
+    Args:
+        pixels: number of training pixels.
+        minutes: time of the steps.
+        machine: what the steps will run on.
+    """
+    larger = float(np.clip(math.sqrt(pixels / machine.pixels), 1.0, 4.0))
+    # Beyond, a step takes so much longer that the same time shows less
+    # (experiments/captures/log.md).
+    share = 25 if machine.gpu else 50
+    low, high = (50_000, 250_000 * larger) if machine.gpu else (10_000, 40_000)
+    gaussians = int(np.clip(pixels / share, low, high))
+    return ReconstructOptions(
+        fit=FitOptions(
+            minutes=minutes,
+            tiles=machine.tiles,
+            tile_side=32,
+            validate=0.015,
+            # Much of a picture may be plain: a wall, the sky, what an object stands before.
+            error=0.5,
+            degree=3 if machine.gpu else 1,
+            rise=1000 if machine.gpu else 300,
+            opacity=0.5,
+            # Few at first: large Gaussians find the shapes, copies of them the details.
+            points=gaussians // 4,
+        ),
+        loss=LossOptions(l1=0.8, dssim=0.2),
+        optimizer=machine.rates(still=True),
+        density=DensityOptions(
+            kind="relocate",
+            interval=100 if machine.gpu else 25,
+            start=0.04,
+            stop=0.85,
+            opacity=0.005,
+            gaussians=gaussians,
+            opacity_cost=0.03 if machine.gpu else 0.01,
+            scale_cost=0.03 if machine.gpu else 0.01,
+        ),
+        trace=_trace(machine),
+    )
+
+
+def transient_preset(
+    pixels: float, minutes: float, machine: Machine, motion: str
+) -> ReconstructOptions:
+    """For motion of any kind: transient Gaussians (fit.motion), with relocation and SSIM.
+
+    Args:
+        pixels: number of training pixels.
+        minutes: time of the steps.
+        machine: what the steps will run on.
+        motion: the choice of fit.motion.
+    """
+    low, high = (100_000, 1_000_000) if machine.gpu else (30_000, 60_000)
+    gaussians = int(np.clip(pixels / 85, low, high))
+    return ReconstructOptions(
+        fit=FitOptions(
+            minutes=minutes,
+            tiles=machine.tiles_brief,
+            tile_side=32,
+            validate=0.015,
+            degree=2 if machine.gpu else 0,
+            rise=1000 if machine.gpu else 0,
+            opacity=0.5,
+            motion=motion,
+            points=gaussians // 4,
+            instants=machine.instants,
+        ),
+        loss=LossOptions(l1=0.8, dssim=0.2),
+        optimizer=machine.rates(still=False),
+        density=DensityOptions(
+            kind="relocate",
+            interval=100 if machine.gpu else 25,
+            start=0.04,
+            stop=0.85,
+            opacity=0.005,
+            gaussians=gaussians,
+            opacity_cost=0.02 if machine.gpu else 0.01,
+            scale_cost=0.02 if machine.gpu else 0.01,
+            transient_cost=10.0 if machine.gpu else 1.0,
+        ),
+        trace=_trace(machine),
+    )
+
+
+def _trace(machine: Machine) -> TraceOptions:
+    """How the rays of a step are traced. Their hits are many: with k of 32 instead of 16 an H100
+    takes three quarters of the time (experiments/captures/log.md)."""
+    return TraceOptions(k=32 if machine.gpu else 16, levels=0, transmittance_min=1e-3)
+
+
+def body_preset(
+    pixels: float, machine: Machine, track: TrackOptions, *, given: bool
+) -> ReconstructOptions:
+    """For rigid bodies and a field: the defaults on a CPU; on a GPU more steps and Gaussians, and a
+    search of more poses unless the user set one of its options, which belong together. On stereo's
+    points, relocation, SSIM and harmonics better all of it; on given ones what moves gets worse
+    (experiments/captures/log.md).
+
+    Args:
+        pixels: number of training pixels.
+        machine: what the steps will run on.
+        track: the options of tracking as set.
+        given: whether the fit begins on given points.
+    """
+    if not machine.gpu:
+        return ReconstructOptions(fit=FitOptions(motion="deformation"))
+    chosen = ReconstructOptions(
+        fit=_BODIES_GPU,
+        density=DensityOptions(interval=100, growth=8.0, gaussians=_MOST_BODIES),
+        trace=_trace(machine),
+        track=TrackOptions(poses=512, elite=40) if track == TrackOptions() else track,
+    )
+    if given:
+        return chosen
+    brief = transient_preset(pixels, 0.0, machine, "deformation")
+    return replace(
+        chosen,
+        fit=_BODIES_STEREO,
+        loss=replace(brief.loss, time=_SMOOTH_FIELD),
+        density=replace(brief.density, gaussians=_MOST_BODIES),
+    )
+
+
+def where_few_look(chosen: ReconstructOptions, places: int, machine: Machine) -> ReconstructOptions:
+    """The options with a higher cost of opacity where few viewpoints show a scene.
+
+    The loss is a mean over pixels, whatever their number. What is known of a scene before any
+    picture therefore weighs as much as a share 1/n of n viewpoints. Where it weighs less, Gaussians
+    hang in the air that serve single pictures, and other cameras see them as fog. Fewer than five
+    viewpoints show nothing but themselves: fog of their own serves the times between their
+    pictures. On a CPU, with few steps, it does not pay.
+
+    Args:
+        chosen: the options of a preset.
+        places: number of the viewpoints of all training pictures.
+        machine: what the steps will run on.
+    """
+    density = chosen.density
+    if not machine.gpu or not density.relocates or places < _FEWEST:
+        return chosen
+    cost = max(density.opacity_cost, min(_COST_OF_OPACITY / places, _MOST_COST))
+    return replace(chosen, density=replace(density, opacity_cost=cost))
+
+
+def from_rest_preset(pixels: float, minutes: float, machine: Machine) -> ReconstructOptions:
+    """For pictures each of which has a time of its own: Gaussians that all times share, on control
+    points that begin at rest.
+
+    Args:
+        pixels: number of training pixels.
+        minutes: time of the steps.
+        machine: what the steps will run on.
+    """
+    brief = transient_preset(pixels, minutes, machine, "from_rest")
+    # All times share them, and all follow control points.
+    low, high = (50_000, 150_000) if machine.gpu else (10_000, 20_000)
+    gaussians = int(np.clip(pixels / 300, low, high))
+    return replace(
+        brief,
+        fit=replace(
+            brief.fit,
+            coarse=1500 if machine.gpu else 300,
+            tiles=machine.tiles,
+            points=gaussians // 2,
+        ),
+        density=replace(brief.density, gaussians=gaussians),
+    )
