@@ -30,9 +30,10 @@ _BODIES_STEREO = FitOptions(
 _MOST_BODIES = 200_000
 # On stereo's points: what the field costs that is not smooth in time. Bodies move without it.
 _SMOOTH_FIELD = 0.03
-# What opacity costs, times the number of viewpoints that share a scene, and at most; and the fewest
-# viewpoints that show a scene from elsewhere, too (experiments/captures/log.md).
-_COST_OF_OPACITY, _MOST_COST, _FEWEST = 2.0, 0.2, 5
+# What opacity costs, times the number of viewpoints that share a scene; its most, and that of
+# transient Gaussians; and the fewest viewpoints that show a scene from elsewhere, too
+# (experiments/captures/log.md).
+_COST_OF_OPACITY, _MOST_COST, _MOST_TRANSIENT, _FEWEST = 2.0, 0.2, 1.0, 5
 
 
 def still_preset(pixels: float, minutes: float, machine: Machine) -> ReconstructOptions:
@@ -179,7 +180,8 @@ def where_few_look(chosen: ReconstructOptions, places: int, machine: Machine) ->
     if not machine.gpu or not density.relocates or places < _FEWEST:
         return chosen
     cost = max(density.opacity_cost, min(_COST_OF_OPACITY / places, _MOST_COST))
-    return replace(chosen, density=replace(density, opacity_cost=cost))
+    factor = min(density.transient_cost, _MOST_TRANSIENT / cost)
+    return replace(chosen, density=replace(density, opacity_cost=cost, transient_cost=factor))
 
 
 def from_rest_preset(pixels: float, minutes: float, machine: Machine) -> ReconstructOptions:

@@ -167,11 +167,14 @@ def test_rigid_bodies_keep_the_defaults_on_a_cpu_and_grow_on_a_gpu():
 
 @pytest.mark.parametrize("still", [True, False])
 def test_opacity_costs_more_where_few_viewpoints_show_a_scene(still):
-    def cost(places, machine=GPU, options=AUTO):
+    def chosen(places, machine=GPU, options=AUTO):
         taken = from_places(places)
         if still:
             taken = replace(taken, views=[v for v in taken.views if v.time == 0.0])
-        return effort(taken, options, machine).options.density.opacity_cost
+        return effort(taken, options, machine).options.density
+
+    def cost(*arguments, **options):
+        return chosen(*arguments, **options).opacity_cost
 
     usual = cost(200)
     # As much as one of n viewpoints, between what many have and a limit.
@@ -179,6 +182,8 @@ def test_opacity_costs_more_where_few_viewpoints_show_a_scene(still):
     assert usual < cost(10) == cost(5) < 1
     # Those of fewer show nothing but themselves, and a CPU takes too few steps.
     assert cost(4) == usual and cost(10, CPU) == cost(200, CPU)
+    # What transient Gaussians cost rises less.
+    assert all(chosen(n).transient_cost * cost(n) <= 1 for n in (5, 10, 20, 200))
     own = replace(AUTO, density=DensityOptions(kind="relocate", opacity_cost=0.3))
     assert cost(10, options=own) == 0.3
 
