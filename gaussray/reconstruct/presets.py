@@ -28,11 +28,10 @@ _BODIES_STEREO = FitOptions(
 )
 # The largest number of Gaussians with bodies, unless more points are there from the start.
 _MOST_BODIES = 200_000
-# On stereo's points: what the field costs that is not smooth in time. Bodies move without it.
+# loss.time on stereo's points. Rigid bodies move without the field, so it may be smooth in time.
 _SMOOTH_FIELD = 0.03
-# What opacity costs, times the number of viewpoints that share a scene; its most, and that of
-# transient Gaussians; and the fewest viewpoints that show a scene from elsewhere, too
-# (experiments/captures/log.md).
+# Cost of opacity times number of viewpoints; its maximum, and that of transient Gaussians; and the
+# number of viewpoints from which on it is raised (experiments/captures/log.md).
 _COST_OF_OPACITY, _MOST_COST, _MOST_TRANSIENT, _FEWEST = 2.0, 0.2, 1.0, 5
 
 
@@ -66,16 +65,7 @@ def still_preset(pixels: float, minutes: float, machine: Machine) -> Reconstruct
         ),
         loss=LossOptions(l1=0.8, dssim=0.2),
         optimizer=machine.rates(still=True),
-        density=DensityOptions(
-            kind="relocate",
-            interval=100 if machine.gpu else 25,
-            start=0.04,
-            stop=0.85,
-            opacity=0.005,
-            gaussians=gaussians,
-            opacity_cost=0.03 if machine.gpu else 0.01,
-            scale_cost=0.03 if machine.gpu else 0.01,
-        ),
+        density=_relocation(gaussians, 0.03 if machine.gpu else 0.01, machine),
         trace=_trace(machine),
     )
 
@@ -108,18 +98,25 @@ def transient_preset(
         ),
         loss=LossOptions(l1=0.8, dssim=0.2),
         optimizer=machine.rates(still=False),
-        density=DensityOptions(
-            kind="relocate",
-            interval=100 if machine.gpu else 25,
-            start=0.04,
-            stop=0.85,
-            opacity=0.005,
-            gaussians=gaussians,
-            opacity_cost=0.02 if machine.gpu else 0.01,
-            scale_cost=0.02 if machine.gpu else 0.01,
+        density=replace(
+            _relocation(gaussians, 0.02 if machine.gpu else 0.01, machine),
             transient_cost=10.0 if machine.gpu else 1.0,
         ),
         trace=_trace(machine),
+    )
+
+
+def _relocation(gaussians: int, cost: float, machine: Machine) -> DensityOptions:
+    """Relocation under a budget, with a cost of opacity and of scale."""
+    return DensityOptions(
+        kind="relocate",
+        interval=100 if machine.gpu else 25,
+        start=0.04,
+        stop=0.85,
+        opacity=0.005,
+        gaussians=gaussians,
+        opacity_cost=cost,
+        scale_cost=cost,
     )
 
 
@@ -162,24 +159,26 @@ def body_preset(
     )
 
 
-def where_few_look(chosen: ReconstructOptions, places: int, machine: Machine) -> ReconstructOptions:
+def where_few_look(
+    chosen: ReconstructOptions, viewpoints: int, machine: Machine
+) -> ReconstructOptions:
     """The options with a higher cost of opacity where few viewpoints show a scene.
 
-    The loss is a mean over pixels, whatever their number. What is known of a scene before any
-    picture therefore weighs as much as a share 1/n of n viewpoints. Where it weighs less, Gaussians
-    hang in the air that serve single pictures, and other cameras see them as fog. Fewer than five
-    viewpoints show nothing but themselves: fog of their own serves the times between their
-    pictures. On a CPU, with few steps, it does not pay.
+    The fewer viewpoints, the more Gaussians hang in the air that make single training pictures
+    right and that other cameras see as fog. The loss is a mean over pixels, whatever their number,
+    so the cost is divided by the number of viewpoints. With fewer than five it stays: with three,
+    times between the pictures of these cameras got worse by it, other views were not measured. On
+    a CPU, with few steps, it did not pay.
 
     Args:
         chosen: the options of a preset.
-        places: number of the viewpoints of all training pictures.
+        viewpoints: number of different viewpoints of the training pictures.
         machine: what the steps will run on.
     """
     density = chosen.density
-    if not machine.gpu or not density.relocates or places < _FEWEST:
+    if not machine.gpu or not density.relocates or viewpoints < _FEWEST:
         return chosen
-    cost = max(density.opacity_cost, min(_COST_OF_OPACITY / places, _MOST_COST))
+    cost = max(density.opacity_cost, min(_COST_OF_OPACITY / viewpoints, _MOST_COST))
     factor = min(density.transient_cost, _MOST_TRANSIENT / cost)
     return replace(chosen, density=replace(density, opacity_cost=cost, transient_cost=factor))
 

@@ -177,12 +177,12 @@ def test_opacity_costs_more_where_few_viewpoints_show_a_scene(still):
         return chosen(*arguments, **options).opacity_cost
 
     usual = cost(200)
-    # As much as one of n viewpoints, between what many have and a limit.
+    # In inverse proportion to the number of viewpoints, between the usual cost and a limit.
     assert cost(20) == pytest.approx(2 * cost(40)) and cost(20) > usual
     assert usual < cost(10) == cost(5) < 1
-    # Those of fewer show nothing but themselves, and a CPU takes too few steps.
+    # With fewer than five, and on a CPU, it stays.
     assert cost(4) == usual and cost(10, CPU) == cost(200, CPU)
-    # What transient Gaussians cost rises less.
+    # Transient Gaussians cost 1 at most.
     assert all(chosen(n).transient_cost * cost(n) <= 1 for n in (5, 10, 20, 200))
     own = replace(AUTO, density=DensityOptions(kind="relocate", opacity_cost=0.3))
     assert cost(10, options=own) == 0.3
