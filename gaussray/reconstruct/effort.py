@@ -134,7 +134,8 @@ def motions(capture: Capture, options: ReconstructOptions, machine: Machine) -> 
     Rigid bodies are found by cameras that stand still, on surface points: given ones, or, on a GPU,
     those of stereo. Whether stereo has found enough of them, only a trial tells that can spare a
     camera (`motion_trial.CAMERAS`). A trial tells, too, whether they are better than
-    transient Gaussians, which as many cameras help to follow surfaces (control points). Where most
+    transient Gaussians, which as many cameras help to follow surfaces (control points). A CPU,
+    which takes a tenth of the steps, tries control points beside transient Gaussians. Where most
     times have a single picture, transient Gaussians suit a camera that moves along a path; one that
     jumps from place to place needs Gaussians that all times share, on control points that begin at
     rest. That nothing moves, the user alone knows: of a camera on its way each picture shows what
@@ -152,13 +153,12 @@ def motions(capture: Capture, options: ReconstructOptions, machine: Machine) -> 
         return ("transient",) if _along_a_path(views) else ("from_rest",)
     still = _still_cameras(views)
     if still >= 2:
-        given = _given(capture, fit)
-        several = machine.gpu and still >= CAMERAS
-        stereo = fit.start in ("auto", "stereo")
-        brief = "control_points" if several and (given or stereo) else "transient"
+        given, stereo = _given(capture, fit), fit.start in ("auto", "stereo")
+        followed = still >= CAMERAS and (given or stereo)
+        brief = "control_points" if machine.gpu and followed else "transient"
         if given:
             return ("deformation", brief)
-        return (brief, "deformation") if several and stereo else (brief,)
+        return (brief, "deformation" if machine.gpu else "control_points") if followed else (brief,)
     _, at_once = np.unique([view.time for view in views], return_counts=True)
 
     many = 2 * int(np.sum(at_once >= CAMERAS)) > len(at_once)

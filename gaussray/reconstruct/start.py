@@ -26,9 +26,10 @@ from gaussray.runtime.devices import agreed
 from gaussray.scene.gaussians import Gaussians, Unconstrained, constrain, unconstrain
 
 
-# Rows for each Gaussian at the start, where transient Gaussians share the budget: every step
-# computes empty rows, too, and more are added if they fill up (`relocate_dead`).
-_ROOM = 2.0
+# Where transient Gaussians share the budget, static and moving ones begin with so many rows each, as
+# every step computes empty rows, too. Where they fill up, more are added (`relocate_dead`), and
+# programs compile again. A GPU computes so many rows in all of its steps in less time than that.
+_ROWS_EACH, _ROWS_GPU = 2, 300_000
 
 
 def initial_state(session: Session, progress: RunProgress) -> tuple[State, RunProgress]:
@@ -137,15 +138,17 @@ def _with_room(
     growth = max(progress.most / max(len(moves), 1), 1.0)
     limit = tuple(int(count * growth) for count in _counts(moves))
     rows_growth = growth if session.options.density.interval else 1.0
-    if session.options.density.relocates and session.options.fit.transient:
-        rows_growth = min(growth, _ROOM)
+    shared = session.options.density.relocates and session.options.fit.transient
     # A multiple of 8 on every device.
     step = 8 * session.mesh.size
 
     def part(chosen: Bool[np.ndarray, " gaussians"]) -> Unconstrained:
         selected = take_rows(gaussians, np.flatnonzero(chosen))
-        rows = -(-int(selected.count * rows_growth) // step) * step
-        return with_rows(unconstrain(selected), rows)
+        rows = int(selected.count * rows_growth)
+        if shared:
+            least = _ROWS_GPU if jax.default_backend() == "gpu" else 0
+            rows = min(rows, max(least, _ROWS_EACH * selected.count))
+        return with_rows(unconstrain(selected), -(-rows // step) * step)
 
     parameters = Parameters(part(~moves), part(moves), None, corrections)
     return begin_state(parameters), replace(progress, limit=limit)

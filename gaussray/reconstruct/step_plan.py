@@ -16,12 +16,15 @@ _GUESS, _MOST = 3000, 200_000
 _LEAST = 600
 # Blocks between looks at held-out tiles.
 _CHECK = 10
-# Share of the plan before which no fit ends: rates must be high for long enough.
-_EARLIEST = 0.3
-# Share of the steps so far that is added when held-out tiles no longer improve. Rates fall over it.
-_LAST = 0.25
+# Share of the plan before which no fit ends, and share of the steps so far that is added when
+# held-out tiles no longer improve. Rates fall over it. While they are high, details do not form,
+# and tiles seem to improve no more (experiments/captures/log.md).
+_EARLIEST, _LAST = 0.5, 0.5
 # Blocks whose median decides the pace; the first ones may wait for a compiler.
 _BLOCKS = 5
+# A block that takes so many times as long as others has waited for a compiler: for longer lists, or
+# to score held-out tiles for the first time.
+_WAITED = 4.0
 
 
 class StepPlan:
@@ -91,10 +94,10 @@ class Plateau:
 class TimedPlan(StepPlan):
     """As many steps as fit into a time from the end of the first block on, in whole blocks.
 
-    Reading, stereo and compilation, which come before, do not count: they differ most from machine
-    to machine. There are at least _LEAST steps. The pace is measured during the first half; then
-    the plan stays. When held-out tiles no longer improve, the plan is cut to a quarter more steps,
-    over which the learning rates fall from what they are to their end.
+    Reading, stereo and compilation, also later on, do not count: they differ most from machine to
+    machine. There are at least _LEAST steps. The pace is measured during the first half; then the
+    plan stays. When held-out tiles no longer improve, half as many steps as were done follow, over
+    which the learning rates fall from what they are to their end.
 
     Args:
         seconds: duration of the stage.
@@ -105,7 +108,9 @@ class TimedPlan(StepPlan):
         super().__init__(Course(_GUESS))
         self.most = _MOST
         self._seconds, self._block = seconds, block
+        # Steps that are done, and when, by a clock that stands still while a compiler works.
         self._marks: list[tuple[int, float]] = []
+        self._waited = 0.0
         self._plateau = Plateau()
 
     def after_block(self, done: int, score: Callable[[], float] | None = None) -> bool:
@@ -128,17 +133,27 @@ class TimedPlan(StepPlan):
         return len(self._marks) <= _BLOCKS
 
     def _paced(self, done: int) -> bool:
-        self._marks.append((done, time.monotonic()))
+        now = time.monotonic() - self._waited
+        if not self._no_pace:
+            usual, spent = self._pace() * (done - self._marks[-1][0]), now - self._marks[-1][1]
+            if spent > _WAITED * usual:
+                self._waited += spent - usual
+                now -= spent - usual
+        self._marks.append((done, now))
         if self._no_pace or (done > self.steps / 2 and self.steps != _GUESS):
             return False
-        step, when = np.array(self._marks[-_BLOCKS - 1 :]).T
-        pace = float(np.median(np.diff(when) / np.diff(step)))
+        when, pace = self._marks[-1][1], self._pace()
         end = self._marks[0][1] + self._seconds
-        left = max(end - when[-1], 0) / max(pace, 1e-9)
+        left = max(end - when, 0) / max(pace, 1e-9)
         blocks = max(int(max(done + left, _LEAST) / self._block), -(-done // self._block))
         steps = min(blocks * self._block, _MOST)
         changed, self.course = steps != self.steps, Course(steps)
         return changed
+
+    def _pace(self) -> float:
+        """Seconds that a step takes, the median of the last blocks."""
+        step, when = np.array(self._marks[-_BLOCKS - 1 :]).T
+        return float(np.median(np.diff(when) / np.diff(step)))
 
     def noted(self, progress: RunProgress) -> RunProgress:
         return replace(progress, planned=self.course)
