@@ -57,8 +57,8 @@ def main(argv: Sequence[str] | None = None) -> None:
         return
     # They read pictures: not needed to know what the script is for.
     from gaussray.capture.open import open_capture
-    from gaussray.reconstruct.effort import effort
-    from gaussray.reconstruct.machine import this_machine
+    from gaussray.reconstruct.auto.effort import effort
+    from gaussray.reconstruct.auto.machine import this_machine
     from gaussray.reconstruct.options import FitOptions, ReconstructOptions
 
     capture = open_capture(chosen.capture or SAMPLE)

@@ -29,7 +29,7 @@ from gaussray.evaluate.pipeline import EvaluateOptions
 from gaussray.io import sample_data as samples
 from gaussray.io.sample_data import sample
 from gaussray.reconstruct import pipeline as stage
-from gaussray.reconstruct.effort import Effort
+from gaussray.reconstruct.auto.effort import Effort
 from gaussray.render.rig.rig import load_views
 from gaussray.scene.store import save_scene
 

@@ -27,7 +27,7 @@ from gaussray.color import psnr_from_mse
 from gaussray.dataset.images import side_by_side, srgb_levels, write_image
 from gaussray.evaluate.metrics import psnr, ssim
 from gaussray.evaluate.pipeline import scene_size
-from gaussray.reconstruct.failed_fit import FailedFit
+from gaussray.reconstruct.checks.failed_fit import FailedFit
 from gaussray.reconstruct.options import ReconstructOptions
 from gaussray.render.renderer import Renderer, RenderOptions
 from gaussray.runtime.devices import DevicesOptions, begin as start_devices

@@ -12,9 +12,9 @@ import time
 from pathlib import Path
 
 from gaussray.capture.open import open_capture
+from gaussray.reconstruct.checks.pose_check import REMEDIES, pose_check
 from gaussray.reconstruct.data.pictures import footage
 from gaussray.reconstruct.data.segments import training_views
-from gaussray.reconstruct.pose_check import REMEDIES, pose_check
 
 
 def main() -> None:

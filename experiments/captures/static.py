@@ -19,7 +19,7 @@ from gaussray.capture.selection import Selection
 from gaussray.dataset.images import srgb_levels, write_image
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.evaluate.metrics import psnr, ssim
-from gaussray.reconstruct.failed_fit import FailedFit
+from gaussray.reconstruct.checks.failed_fit import FailedFit
 from gaussray.reconstruct.optimize.density import DensityOptions
 from gaussray.reconstruct.optimize.learning_rates import OptimizerOptions
 from gaussray.reconstruct.optimize.loss import LossOptions

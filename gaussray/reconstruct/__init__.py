@@ -1,5 +1,9 @@
 """Stage 1: pictures become a scene.
 
+`pipeline` leads from a capture to a scene: `auto` chooses options, `checks` looks for what is
+wrong with the capture, `data` reads the pictures, `initialize` finds the first points and motion,
+`loop` and `step` fit with `optimize`, and `simplify` removes what the pictures do not need.
+
 The package can be called: `gaussray.reconstruct(...)` is `reconstruct.pipeline.reconstruct`.
 """
 

@@ -19,24 +19,25 @@ from gaussray.camera.refined_cameras import (
 from gaussray.capture.capture import Capture
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.io.atomic import sweep, whole
+from gaussray.reconstruct.auto.effort import effort
+from gaussray.reconstruct.auto.machine import this_machine
+from gaussray.reconstruct.auto.motion_choice import rivals_of, with_motion_tried
+from gaussray.reconstruct.auto.refinement_trial import with_refinement_tried
+from gaussray.reconstruct.auto.trial_fits import TrialFits, remove_killed_trials
 from gaussray.reconstruct.backdrop_shell import with_backdrop_shell
-from gaussray.reconstruct.covered_cameras import without_covered_cameras
+from gaussray.reconstruct.checks.covered_cameras import without_covered_cameras
+from gaussray.reconstruct.checks.doubtful_views import doubtful_views
+from gaussray.reconstruct.checks.failed_fit import demand_detail, demand_success, warn_of_one_place
+from gaussray.reconstruct.checks.pose_check import warn_of_wrong_poses
 from gaussray.reconstruct.data.common_times import common_times_sentence, with_common_times
 from gaussray.reconstruct.data.segments import segments
 from gaussray.reconstruct.data.training_split import demand_training_pictures
-from gaussray.reconstruct.doubtful_views import doubtful_views
-from gaussray.reconstruct.effort import effort
-from gaussray.reconstruct.failed_fit import demand_detail, demand_success, warn_of_one_place
-from gaussray.reconstruct.impacts import with_impacts
+from gaussray.reconstruct.initialize.impacts import with_impacts
 from gaussray.reconstruct.log import RunLog
 from gaussray.reconstruct.loop import run_stage
-from gaussray.reconstruct.machine import this_machine
 from gaussray.reconstruct.motion import with_motion
-from gaussray.reconstruct.motion_choice import rivals_of, with_motion_tried
 from gaussray.reconstruct.optimize.state import State
 from gaussray.reconstruct.options import ReconstructOptions as ReconstructOptions
-from gaussray.reconstruct.pose_check import warn_of_wrong_poses
-from gaussray.reconstruct.refinement_trial import with_refinement_tried
 from gaussray.reconstruct.run_progress import RunProgress
 from gaussray.reconstruct.session import Session, hand_over
 from gaussray.reconstruct.shared_results import SharedResults
@@ -44,7 +45,6 @@ from gaussray.reconstruct.simplify.measure import Tracing, TrainingViews
 from gaussray.reconstruct.simplify.prune import pruned_scene
 from gaussray.reconstruct.simplify.summary import clip_report, summary_line
 from gaussray.reconstruct.start import continued_state, initial_state
-from gaussray.reconstruct.trial_fits import TrialFits, remove_killed_trials
 from gaussray.runtime.devices import leads, wait
 from gaussray.runtime.lock import locks_output
 from gaussray.runtime.progress import say

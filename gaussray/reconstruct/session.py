@@ -23,6 +23,7 @@ from gaussray.reconstruct.data.motion_mask import moved_pixels
 from gaussray.reconstruct.data.pictures import Footage, stacked
 from gaussray.reconstruct.data.segments import Segment, training_views
 from gaussray.reconstruct.data.still_cameras import still_camera_count
+from gaussray.reconstruct.data.training_pictures import training_pictures
 from gaussray.reconstruct.initialize.appearance import Shown
 from gaussray.reconstruct.initialize.initializer import InitialPoints, initial_points
 from gaussray.reconstruct.log import RunLog
@@ -32,7 +33,6 @@ from gaussray.reconstruct.optimize.state import State, begin_state
 from gaussray.reconstruct.options import ReconstructOptions
 from gaussray.reconstruct.run_progress import KnownBodies, RunProgress
 from gaussray.reconstruct.shared_results import SharedResults
-from gaussray.reconstruct.training_pictures import training_pictures
 from gaussray.runtime.progress import Progress, ProgressReport
 from gaussray.scene.bodies import body_pose_at
 from gaussray.scene.deformation import Deformation

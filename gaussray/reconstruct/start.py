@@ -26,9 +26,9 @@ from gaussray.runtime.devices import agreed
 from gaussray.scene.gaussians import Gaussians, Unconstrained, constrain, unconstrain
 
 
-# Where transient Gaussians share the budget, static and moving ones begin with so many rows each, as
+# Where transient Gaussians share the budget, static and moving ones begin with two rows each, as
 # every step computes empty rows, too. Where they fill up, more are added (`relocate_dead`), and
-# programs compile again. A GPU computes so many rows in all of its steps in less time than that.
+# programs compile again: so many rows take a GPU less time than that in all of its steps.
 _ROWS_EACH, _ROWS_GPU = 2, 300_000
 
 

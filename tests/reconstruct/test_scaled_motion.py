@@ -14,9 +14,9 @@ from gaussray.dataset.images import write_image
 from gaussray.dataset.manifest import write_manifest
 from gaussray.evaluate.metrics import psnr
 from gaussray.reconstruct import pipeline
-from gaussray.reconstruct.effort import effort
+from gaussray.reconstruct.auto.effort import effort
+from gaussray.reconstruct.auto.machine import Machine
 from gaussray.reconstruct.initialize.body_tracking import TrackOptions
-from gaussray.reconstruct.machine import Machine
 from gaussray.reconstruct.pipeline import reconstruct
 from gaussray.render.renderer import Renderer, RenderOptions
 from gaussray.render.rig.rig import load_views

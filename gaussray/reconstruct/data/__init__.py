@@ -1,0 +1,1 @@
+"""The training pictures, what moves in them, and the tiles that steps draw."""

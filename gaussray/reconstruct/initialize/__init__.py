@@ -1,0 +1,1 @@
+"""Where a fit starts: points on surfaces, and the motion of what moves."""

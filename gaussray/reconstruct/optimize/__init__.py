@@ -1,0 +1,1 @@
+"""What a step changes: loss, gradients, learning rates, density control, checkpoints."""

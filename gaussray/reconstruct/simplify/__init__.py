@@ -1,0 +1,1 @@
+"""Removes the parts of a fitted scene that its pictures do not need."""

@@ -8,13 +8,13 @@ import toy
 
 from gaussray.camera.camera import camera_rays
 from gaussray.capture.formats.paired import read_capture
+from gaussray.reconstruct.auto.effort import motions
+from gaussray.reconstruct.auto.machine import Machine
 from gaussray.reconstruct.data.common_times import (
     common_times,
     common_times_sentence,
     with_common_times,
 )
-from gaussray.reconstruct.effort import motions
-from gaussray.reconstruct.machine import Machine
 from gaussray.reconstruct.options import ReconstructOptions
 
 

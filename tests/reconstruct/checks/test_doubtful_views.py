@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gaussray.reconstruct.doubtful_views import doubtful_views
+from gaussray.reconstruct.checks.doubtful_views import doubtful_views
 
 
 NAMES = [f"p{k}" for k in range(10)]

@@ -10,16 +10,16 @@ import toy
 from gaussray.capture.formats.paired import read_capture
 from gaussray.dataset.images import write_image
 from gaussray.dataset.manifest import write_manifest
-from gaussray.reconstruct.data import held_out_tiles
-from gaussray.reconstruct.data.segments import segments
-from gaussray.reconstruct.pipeline import reconstruct
-from gaussray.reconstruct.refinement_trial import (
+from gaussray.reconstruct.auto.refinement_trial import (
     kept_corrections,
     refinement_sentence,
     with_refinement_tried,
 )
+from gaussray.reconstruct.auto.trial_fits import TrialFits
+from gaussray.reconstruct.data import held_out_tiles
+from gaussray.reconstruct.data.segments import segments
+from gaussray.reconstruct.pipeline import reconstruct
 from gaussray.reconstruct.shared_results import SharedResults
-from gaussray.reconstruct.trial_fits import TrialFits
 from gaussray.render.options import RenderOptions
 from gaussray.render.renderer import Renderer
 
@@ -90,7 +90,7 @@ def test_wrong_exposures_are_refined_and_equal_ones_are_not(tmp_path, capsys):
 
 def test_without_tiles_to_spare_cameras_are_left_as_recorded(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(held_out_tiles, "_TRIAL_SHARE", 0.0)
-    monkeypatch.setattr("gaussray.reconstruct.refinement_trial._SHARE", 0.0)
+    monkeypatch.setattr("gaussray.reconstruct.auto.refinement_trial._SHARE", 0.0)
     capture = capture_of(tmp_path / "c", GAIN)
     reconstruct(capture, tmp_path / "a", options=options())
     said = capsys.readouterr().out

@@ -11,7 +11,7 @@ from gaussray.capture.errors import CaptureWarning
 from gaussray.capture.formats.paired import read_capture
 from gaussray.capture.frames import read_encoded
 from gaussray.dataset.images import write_image
-from gaussray.reconstruct.covered_cameras import without_covered_cameras
+from gaussray.reconstruct.checks.covered_cameras import without_covered_cameras
 
 
 pytestmark = pytest.mark.usefixtures("known_sizes")

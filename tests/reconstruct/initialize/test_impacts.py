@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gaussray.reconstruct.impacts import impacts, with_impacts
+from gaussray.reconstruct.initialize.impacts import impacts, with_impacts
 from gaussray.scene.bodies import Bodies, body_pose_at
 
 

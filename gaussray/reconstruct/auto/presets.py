@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from gaussray.reconstruct.auto.machine import Machine
 from gaussray.reconstruct.initialize.body_tracking import TrackOptions
-from gaussray.reconstruct.machine import Machine
 from gaussray.reconstruct.optimize.density import DensityOptions
 from gaussray.reconstruct.optimize.loss import LossOptions
 from gaussray.reconstruct.options import FitOptions, ReconstructOptions

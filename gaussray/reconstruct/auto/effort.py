@@ -17,18 +17,18 @@ import numpy as np
 from gaussray.capture.capture import Capture, View, viewpoints
 from gaussray.capture.picture_file import shown_size
 from gaussray.capture.selection import Selection, selected
-from gaussray.reconstruct.data.segments import training_views
-from gaussray.reconstruct.data.still_cameras import one_at_a_time
-from gaussray.reconstruct.machine import Machine
-from gaussray.reconstruct.motion_trial import CAMERAS
-from gaussray.reconstruct.options import FitOptions, ReconstructOptions
-from gaussray.reconstruct.presets import (
+from gaussray.reconstruct.auto.machine import Machine
+from gaussray.reconstruct.auto.motion_trial import CAMERAS
+from gaussray.reconstruct.auto.presets import (
     body_preset,
     from_rest_preset,
     still_preset,
     transient_preset,
     where_few_look,
 )
+from gaussray.reconstruct.data.segments import training_views
+from gaussray.reconstruct.data.still_cameras import one_at_a_time
+from gaussray.reconstruct.options import FitOptions, ReconstructOptions
 
 
 T = TypeVar("T", bound=eqx.Module)

@@ -7,11 +7,11 @@ import pytest
 import toy
 
 from gaussray.capture.formats.paired import read_capture
-from gaussray.reconstruct import training_pictures as module
+from gaussray.reconstruct.data import training_pictures as module
 from gaussray.reconstruct.data.segments import training_views
 from gaussray.reconstruct.data.still_cameras import camera_frames, median_picture
+from gaussray.reconstruct.data.training_pictures import training_pictures
 from gaussray.reconstruct.shared_results import SharedResults
-from gaussray.reconstruct.training_pictures import training_pictures
 
 
 TIMES = tuple(np.linspace(0, 1, 4).tolist())

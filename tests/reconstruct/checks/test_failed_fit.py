@@ -13,13 +13,13 @@ from gaussray.capture.formats.paired import read_capture
 from gaussray.cli.main import main
 from gaussray.dataset.images import write_image
 from gaussray.reconstruct import pipeline as recipe
-from gaussray.reconstruct.data.pictures import footage
-from gaussray.reconstruct.failed_fit import (
+from gaussray.reconstruct.checks.failed_fit import (
     FailedFit,
     demand_detail,
     demand_success,
     warn_of_one_place,
 )
+from gaussray.reconstruct.data.pictures import footage
 from gaussray.reconstruct.simplify.measure import TrainingViews, one_color_psnr, tile_views
 
 

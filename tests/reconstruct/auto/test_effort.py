@@ -16,15 +16,15 @@ import toy
 from gaussray.capture.formats.paired import Capture, View
 from gaussray.capture.points import Points
 from gaussray.reconstruct import step_plan
+from gaussray.reconstruct.auto.effort import effort
+from gaussray.reconstruct.auto.machine import Machine
 from gaussray.reconstruct.data.held_out_tiles import (
     held_out_batches,
     held_out_tiles,
     trial_tiles,
 )
 from gaussray.reconstruct.data.pictures import Footage
-from gaussray.reconstruct.effort import effort
 from gaussray.reconstruct.initialize.body_tracking import TrackOptions
-from gaussray.reconstruct.machine import Machine
 from gaussray.reconstruct.optimize.density import DensityOptions
 from gaussray.reconstruct.optimize.learning_rates import OptimizerOptions
 from gaussray.reconstruct.optimize.loss import LossOptions

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 from gaussray.capture.capture import Capture
 from gaussray.io.atomic import write_json
-from gaussray.reconstruct.effort import MOTION_NOUNS, Effort, effort
-from gaussray.reconstruct.machine import Machine
-from gaussray.reconstruct.motion_trial import motion_trial_scores, trial_sentence
+from gaussray.reconstruct.auto.effort import MOTION_NOUNS, Effort, effort
+from gaussray.reconstruct.auto.machine import Machine
+from gaussray.reconstruct.auto.motion_trial import motion_trial_scores, trial_sentence
+from gaussray.reconstruct.auto.trial_fits import TrialFits
 from gaussray.reconstruct.options import ReconstructOptions
-from gaussray.reconstruct.trial_fits import TrialFits
 from gaussray.runtime.devices import leads
 
 

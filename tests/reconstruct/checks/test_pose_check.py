@@ -9,10 +9,10 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from gaussray.capture.errors import CaptureWarning
 from gaussray.capture.open import open_capture
 from gaussray.dataset.images import write_image
-from gaussray.reconstruct import pose_check as checked
+from gaussray.reconstruct.checks import pose_check as checked
+from gaussray.reconstruct.checks.pose_check import REMEDIES, pose_check, warn_of_wrong_poses
 from gaussray.reconstruct.data.pictures import footage
 from gaussray.reconstruct.data.segments import training_views
-from gaussray.reconstruct.pose_check import REMEDIES, pose_check, warn_of_wrong_poses
 
 
 W, H, FOCAL = 160, 120, 150.0

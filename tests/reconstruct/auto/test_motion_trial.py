@@ -10,26 +10,27 @@ import toy
 
 from gaussray.capture.formats.paired import read_capture
 from gaussray.capture.temporal_median import moving_mask
-from gaussray.reconstruct import effort, machine, motion_choice, motion_trial, pipeline
-from gaussray.reconstruct.data.held_out_tiles import trial_tiles
-from gaussray.reconstruct.data.motion_mask import activity
-from gaussray.reconstruct.data.pictures import footage
-from gaussray.reconstruct.data.segments import segments, training_views
-from gaussray.reconstruct.log import NonFiniteLoss
-from gaussray.reconstruct.motion_choice import with_motion_tried
-from gaussray.reconstruct.motion_trial import (
+from gaussray.reconstruct import pipeline
+from gaussray.reconstruct.auto import effort, machine, motion_choice, motion_trial
+from gaussray.reconstruct.auto.motion_choice import with_motion_tried
+from gaussray.reconstruct.auto.motion_trial import (
     motion_tiles,
     motion_trial_scores,
     moving_alone,
     moving_score,
     trial_sentence,
 )
+from gaussray.reconstruct.auto.trial_fits import TrialFits
+from gaussray.reconstruct.data.held_out_tiles import trial_tiles
+from gaussray.reconstruct.data.motion_mask import activity
+from gaussray.reconstruct.data.pictures import footage
+from gaussray.reconstruct.data.segments import segments, training_views
+from gaussray.reconstruct.log import NonFiniteLoss
 from gaussray.reconstruct.optimize.optimizer import Parameters
 from gaussray.reconstruct.optimize.state import begin_state
 from gaussray.reconstruct.options import FitOptions, ReconstructOptions
 from gaussray.reconstruct.pipeline import reconstruct
 from gaussray.reconstruct.shared_results import SharedResults
-from gaussray.reconstruct.trial_fits import TrialFits
 from gaussray.scene.deformation import Deformation
 from gaussray.scene.gaussians import unconstrain
 

@@ -14,6 +14,7 @@ from functools import partial
 import numpy as np
 from jaxtyping import Bool
 
+from gaussray.reconstruct.auto.trial_fits import TrialFits
 from gaussray.reconstruct.data.motion_mask import Activity, moved_in_tiles
 from gaussray.reconstruct.data.pictures import Footage
 from gaussray.reconstruct.data.tiles import cut, tile_pixels
@@ -21,7 +22,6 @@ from gaussray.reconstruct.loop import held_out_score
 from gaussray.reconstruct.optimize.state import State
 from gaussray.reconstruct.options import ReconstructOptions
 from gaussray.reconstruct.session import Session
-from gaussray.reconstruct.trial_fits import TrialFits
 from gaussray.runtime.side_by_side import run_side_by_side
 
 

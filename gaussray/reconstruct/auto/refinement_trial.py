@@ -9,10 +9,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from gaussray.io.atomic import write_json
+from gaussray.reconstruct.auto.trial_fits import TrialFits
 from gaussray.reconstruct.data.held_out_tiles import trial_tiles
 from gaussray.reconstruct.loop import held_out_score
 from gaussray.reconstruct.options import ReconstructOptions
-from gaussray.reconstruct.trial_fits import TrialFits
 from gaussray.runtime.devices import leads
 
 

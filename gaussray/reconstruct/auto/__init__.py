@@ -1,0 +1,1 @@
+"""fit=auto: how much work a capture is worth, and short fits that tell what suits it best."""
