@@ -89,7 +89,7 @@ def effort(capture: Capture, options: ReconstructOptions, machine: Machine) -> E
     if steps != (FitOptions().coarse, FitOptions().fine) or not chosen.fit.minutes:
         options = replace(options, fit=replace(options.fit, minutes=0.0))
     # A fit that is shorter than a trial is worth none.
-    long = options.fit.minutes > 0 or options.fit.fine >= machine.trial_steps
+    long = options.fit.minutes > 0 or options.fit.fine >= machine.trial_steps(names[0])
     rivals = names if len(names) > 1 and long else ()
     return Effort(capture, options, _sentence(options, views, scale, still), rivals, scale)
 

@@ -35,8 +35,9 @@ _LONGEST_GPU, _LONGEST_STILL, _LONGEST_MOVING = 4.0, 1.2, 2.2
 # 640 x 360 and up to 1,000,000 Gaussians took 9.2 GiB, of 260 pictures of 256 x 256 and 200,000
 # Gaussians 1.8 GiB (experiments/captures/log.md).
 _MEMORY_OF_TWO = 16 << 30
-# Steps of the fine stage of a trial of what shows motion best (experiments/captures/log.md).
-_TRIAL_GPU, _TRIAL_CPU = 2000, 500
+# Steps of the fine stage of a trial of what shows motion best. On a CPU those with control points
+# take longer, and a fit that is given minutes takes fewer (experiments/captures/log.md).
+_TRIAL_GPU, _TRIAL_CPU, _TRIAL_CPU_CONTROL = 2000, 500, 300
 # The rates that rise with the number of rays in a step.
 _WITH_RAYS = ("mean", "quat", "scale", "color", "harmonics")
 
@@ -80,10 +81,15 @@ class Machine(NamedTuple):
         """Times at which transient Gaussians start, at most."""
         return 30 if self.gpu else 16
 
-    @property
-    def trial_steps(self) -> int:
-        """Steps of the fine stage of each fit of a trial of what shows motion best."""
-        return _TRIAL_GPU if self.gpu else _TRIAL_CPU
+    def trial_steps(self, motion: str) -> int:
+        """Steps of the fine stage of one of the fits of a trial of what shows motion best.
+
+        Args:
+            motion: what shows motion in it (`fit.motion`).
+        """
+        if self.gpu:
+            return _TRIAL_GPU
+        return _TRIAL_CPU_CONTROL if motion == "control_points" else _TRIAL_CPU
 
     def most_pixels(self, motion: str) -> float:
         """Training pixels beyond which pictures are scaled down.

@@ -39,7 +39,7 @@ def with_motion_tried(
     chosen: Effort,
     rivals: Mapping[str, Effort],
     *,
-    steps: int,
+    steps: Callable[[str], int],
     resume: bool,
     say: Callable[[str], None] = lambda line: None,
 ) -> tuple[Effort, dict[str, float]]:
@@ -51,7 +51,7 @@ def with_motion_tried(
         fits: makes the short fits, in the folder of the run, which gets motion.json.
         chosen: what was chosen without a trial.
         rivals: what is chosen with each choice that a trial must tell apart (`rivals_of`).
-        steps: steps of the fine stage of each fit (`Machine.trial_steps`).
+        steps: steps of the fine stage of each choice (`Machine.trial_steps`).
         resume: whether the run goes on: then by the scores of its own trial.
         say: gets lines on what is tried, and what is best.
     """

@@ -7,7 +7,7 @@ better is taken. Still pixels do not count: the two choices differ in how they f
 still, too.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 
@@ -60,7 +60,7 @@ def motion_tiles(footage: Footage, share: float, seed: int) -> Bool[np.ndarray, 
 
 
 def motion_trial_scores(
-    fits: TrialFits, rivals: Mapping[str, ReconstructOptions], steps: int
+    fits: TrialFits, rivals: Mapping[str, ReconstructOptions], steps: Callable[[str], int]
 ) -> dict[str, float]:
     """PSNR in dB of the pixels that move in what is held out (of all where none does; 0 of a fit
     that failed), for every choice of `fit.motion` and its options; nothing where no tile can be
@@ -69,12 +69,12 @@ def motion_trial_scores(
     Args:
         fits: makes the short fits.
         rivals: the options of each choice of fit.motion.
-        steps: steps of the fine stage of each (`Machine.trial_steps`).
+        steps: steps of the fine stage of each choice (`Machine.trial_steps`).
     """
 
     def score_of(name: str) -> float | None:
         options = rivals[name]
-        short = replace(options.fit, minutes=0.0, fine=steps, refine=())
+        short = replace(options.fit, minutes=0.0, fine=steps(name), refine=())
         tried = replace(options, fit=short)
         return fits.score(name, tried, motion_tiles, moving_score)
 

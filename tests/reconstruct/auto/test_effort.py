@@ -276,7 +276,7 @@ def test_points_on_surfaces_let_rigid_bodies_be_found():
         assert tried.rivals == ("deformation", "transient") and tried.options.fit.fine == steps
         assert tried.options.fit.motion == "deformation"
         # But not before a fit that is shorter than that.
-        short = ReconstructOptions(fit=FitOptions(fine=machine.trial_steps - 1))
+        short = ReconstructOptions(fit=FitOptions(fine=machine.trial_steps("deformation") - 1))
         chosen = effort(from_two_places(many), short, machine)
         assert chosen.options.fit.motion == "deformation" and not chosen.rivals
     assert effort(from_two_places(few), AUTO, GPU).options.fit.motion == "transient"
@@ -302,6 +302,9 @@ def test_stereo_between_many_cameras_is_worth_a_trial(cameras, start, machine, t
     assert chosen.options.fit.motion == (rivals[0] if tried else "transient")
     assert chosen.options.density.relocates
     assert chosen.rivals == (rivals if tried else ())
+    # A step with control points takes a CPU longer, so a trial takes fewer of them.
+    steps = [machine.trial_steps(name) for name in rivals]
+    assert steps[0] == steps[1] if machine.gpu else steps[0] > steps[1]
     # Given points change which is likelier.
     many = Points(np.zeros((10_000, 3), np.float32), np.zeros((10_000, 3), np.float32))
     given = effort(from_places(cameras, many), ReconstructOptions(), machine)

@@ -101,12 +101,13 @@ def test_a_fit_is_scored_on_moving_pixels_that_no_step_draws_and_a_failed_one_lo
     capture, tmp_path
 ):
     tried, scene = [], toy.scene()
+    steps = {"deformation": 700, "transient": 600, "both": 500}
     # Alone, what moves is in its place at the first time.
     wrong = replace(scene, moving=scene.static)
 
     def fitted(session, state, progress):
         tried.append(session.options.fit.motion)
-        assert state is None and session.options.fit.fine == 700
+        assert state is None and session.options.fit.fine == steps[tried[-1]]
         expected = motion_tiles(session.footage, 0.0, session.options.fit.seed)
         np.testing.assert_array_equal(session.held_out, expected)
         drawn = session.loader.batches("fine", 0, 20)
@@ -121,7 +122,7 @@ def test_a_fit_is_scored_on_moving_pixels_that_no_step_draws_and_a_failed_one_lo
 
     names = ("deformation", "transient", "both")
     rivals = {name: replace(toy.SHORT, fit=replace(toy.SHORT.fit, motion=name)) for name in names}
-    scores = motion_trial_scores(fits_of(capture, tmp_path, fitted), rivals, 700)
+    scores = motion_trial_scores(fits_of(capture, tmp_path, fitted), rivals, steps.__getitem__)
     assert tried == list(names)
     # Pictures of 8 bits of the scene itself.
     assert scores["deformation"] > 40 > scores["transient"] > scores["both"] == 0
@@ -150,7 +151,7 @@ def test_fits_of_a_trial_run_at_once_where_the_machine_has_room(capture, tmp_pat
         for name, side in (("control_points", 16), ("deformation", 8))
     }
     fits = fits_of(capture, tmp_path, fitted, at_once=True)
-    scores = motion_trial_scores(fits, rivals, 20)
+    scores = motion_trial_scores(fits, rivals, lambda _: 20)
     assert list(scores) == list(rivals) and min(scores.values()) > 40
     assert len(found) == 1
     assert not list(tmp_path.glob("trial*"))
@@ -161,7 +162,7 @@ def test_where_no_tile_can_be_held_out_nothing_is_tried(capture, tmp_path, monke
         motion_trial, "motion_tiles", lambda seen, *_: np.zeros(seen.pixel.shape[:2], bool)
     )
     fits = fits_of(capture, tmp_path, lambda *_: pytest.fail("fitted"))
-    assert motion_trial_scores(fits, {"deformation": toy.SHORT}, 20) == {}
+    assert motion_trial_scores(fits, {"deformation": toy.SHORT}, lambda _: 20) == {}
     assert not list(tmp_path.glob("trial*"))
 
 
@@ -184,7 +185,9 @@ def test_the_better_one_is_fitted_and_a_resumed_run_does_not_try_again(
 ):
     def tried(resume):
         fits = fits_of(capture, tmp_path, lambda *_: pytest.fail("fitted"))
-        return with_motion_tried(fits, usual, rivals, steps=20, resume=resume, say=said.append)
+        return with_motion_tried(
+            fits, usual, rivals, steps=lambda _: 20, resume=resume, say=said.append
+        )
 
     said, names = [], ("deformation", "transient")
     usual = effort.Effort(capture, toy.SHORT, "")
