@@ -26,9 +26,8 @@ from gaussray.runtime.devices import agreed
 from gaussray.scene.gaussians import Gaussians, Unconstrained, constrain, unconstrain
 
 
-# Where transient Gaussians share the budget, static and moving ones begin with two rows each, as
-# every step computes empty rows, too. Where they fill up, more are added (`relocate_dead`), and
-# programs compile again: so many rows take a GPU less time than that in all of its steps.
+# Where transient Gaussians share the budget: rows for each Gaussian of another kind, and the least
+# number of rows on a GPU.
 _ROWS_EACH, _ROWS_GPU = 2, 300_000
 
 
@@ -146,9 +145,24 @@ def _with_room(
         selected = take_rows(gaussians, np.flatnonzero(chosen))
         rows = int(selected.count * rows_growth)
         if shared:
-            least = _ROWS_GPU if jax.default_backend() == "gpu" else 0
-            rows = min(rows, max(least, _ROWS_EACH * selected.count))
+            gpu = jax.default_backend() == "gpu"
+            rows = rows_beside_transients(selected.count, rows, gpu=gpu)
         return with_rows(unconstrain(selected), -(-rows // step) * step)
 
     parameters = Parameters(part(~moves), part(moves), None, corrections)
     return begin_state(parameters), replace(progress, limit=limit)
+
+
+def rows_beside_transients(count: int, most: int, *, gpu: bool) -> int:
+    """How many rows Gaussians of one kind begin with where transient ones share the budget.
+
+    Every step computes empty rows, too, so they begin with two rows each. Where these fill up, more
+    are added (`relocate_dead`), and programs compile again, which takes a GPU longer than some
+    100,000 empty rows do in all of its steps (experiments/captures/log.md).
+
+    Args:
+        count: number of Gaussians of the kind.
+        most: the largest number that density control may make of them.
+        gpu: whether the steps run on a GPU.
+    """
+    return min(most, max(_ROWS_GPU if gpu else 0, _ROWS_EACH * count))
