@@ -108,7 +108,7 @@ class TimedPlan(StepPlan):
         super().__init__(Course(_GUESS))
         self.most = _MOST
         self._seconds, self._block = seconds, block
-        # Steps that are done, and when, by a clock that stands still while a compiler works.
+        # Steps that are done, and when; and seconds in which a compiler worked.
         self._marks: list[tuple[int, float]] = []
         self._waited = 0.0
         self._plateau = Plateau()
@@ -133,18 +133,18 @@ class TimedPlan(StepPlan):
         return len(self._marks) <= _BLOCKS
 
     def _paced(self, done: int) -> bool:
-        now = time.monotonic() - self._waited
+        now = time.monotonic()
         if not self._no_pace:
-            usual, spent = self._pace() * (done - self._marks[-1][0]), now - self._marks[-1][1]
-            if spent > _WAITED * usual:
-                self._waited += spent - usual
-                now -= spent - usual
+            before, when = self._marks[-1]
+            usual = self._pace() * (done - before)
+            # The median rises where all steps get slower, so that these count.
+            if now - when > _WAITED * usual:
+                self._waited += now - when - usual
         self._marks.append((done, now))
         if self._no_pace or (done > self.steps / 2 and self.steps != _GUESS):
             return False
-        when, pace = self._marks[-1][1], self._pace()
-        end = self._marks[0][1] + self._seconds
-        left = max(end - when, 0) / max(pace, 1e-9)
+        end = self._marks[0][1] + self._seconds + self._waited
+        left = max(end - now, 0) / max(self._pace(), 1e-9)
         blocks = max(int(max(done + left, _LEAST) / self._block), -(-done // self._block))
         steps = min(blocks * self._block, _MOST)
         changed, self.course = steps != self.steps, Course(steps)

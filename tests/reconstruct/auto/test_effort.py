@@ -348,6 +348,14 @@ def test_time_in_which_a_compiler_works_does_not_count(monkeypatch):
     assert 395 <= spent - 35 - sum(more.values()) <= 400
 
 
+def test_steps_that_get_slower_count(monkeypatch):
+    """From step 200 on they take ten times as long: three blocks pass for a compiler's."""
+    more = {done: 45 for done in range(200, 2000, 10)}
+    plan, done, spent = timed(monkeypatch, seconds=4000.0, more=more)
+    assert done == plan.steps < 1100
+    assert 4000 <= spent - 35 <= 4000 + 3 * 50
+
+
 def test_blocks_that_take_three_times_as_long_count(monkeypatch):
     plan, done, spent = timed(monkeypatch, seconds=400.0, more={100: 10, 110: 10, 250: 10})
     assert done == plan.steps == 750
