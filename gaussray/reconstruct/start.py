@@ -26,8 +26,8 @@ from gaussray.runtime.devices import agreed
 from gaussray.scene.gaussians import Gaussians, Unconstrained, constrain, unconstrain
 
 
-# Where transient Gaussians share the budget: rows for each Gaussian of another kind, and the least
-# number of rows on a GPU.
+# Where transient Gaussians share the budget: rows for each Gaussian of another kind, and rows that a
+# GPU has at least, as far as the budget can fill them.
 _ROWS_EACH, _ROWS_GPU = 2, 300_000
 
 
@@ -157,8 +157,9 @@ def rows_beside_transients(count: int, most: int, *, gpu: bool) -> int:
     """How many rows Gaussians of one kind begin with where transient ones share the budget.
 
     Every step computes empty rows, too, so they begin with two rows each. Where these fill up, more
-    are added (`relocate_dead`), and programs compile again, which takes a GPU longer than some
-    100,000 empty rows do in all of its steps (experiments/captures/log.md).
+    are added (`relocate_dead`), and programs compile again. That takes a GPU longer than some
+    100,000 empty rows do in all of its steps, so that it begins with more of them
+    (experiments/captures/log.md).
 
     Args:
         count: number of Gaussians of the kind.
