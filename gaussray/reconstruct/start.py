@@ -26,8 +26,8 @@ from gaussray.runtime.devices import agreed
 from gaussray.scene.gaussians import Gaussians, Unconstrained, constrain, unconstrain
 
 
-# Where transient Gaussians share the budget: rows for each Gaussian of another kind, and rows that a
-# GPU has at least, as far as the budget can fill them.
+# Where transient Gaussians share the budget: rows for each Gaussian of another kind, and rows that
+# a GPU has at least, as far as the budget can fill them.
 _ROWS_EACH, _ROWS_GPU = 2, 300_000
 
 
