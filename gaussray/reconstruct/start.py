@@ -26,9 +26,9 @@ from gaussray.runtime.devices import agreed
 from gaussray.scene.gaussians import Gaussians, Unconstrained, constrain, unconstrain
 
 
-# Where transient Gaussians share the budget: rows for each Gaussian of another kind, and rows that
-# a GPU has at least, as far as the budget can fill them.
-_ROWS_EACH, _ROWS_GPU = 2, 300_000
+# Where transient Gaussians share the budget: rows for each Gaussian of another kind, and the least
+# share of the budget for which a GPU has rows of each kind.
+_ROWS_EACH, _ROWS_SHARE = 2, 0.25
 
 
 def initial_state(session: Session, progress: RunProgress) -> tuple[State, RunProgress]:
@@ -136,34 +136,33 @@ def _with_room(
     """The state of these Gaussians, in arrays with rows for those that density control may add."""
     growth = max(progress.most / max(len(moves), 1), 1.0)
     limit = tuple(int(count * growth) for count in _counts(moves))
-    rows_growth = growth if session.options.density.interval else 1.0
-    shared = session.options.density.relocates and session.options.fit.transient
+    density, gpu = session.options.density, jax.default_backend() == "gpu"
     # A multiple of 8 on every device.
     step = 8 * session.mesh.size
 
     def part(chosen: Bool[np.ndarray, " gaussians"]) -> Unconstrained:
         selected = take_rows(gaussians, np.flatnonzero(chosen))
-        rows = int(selected.count * rows_growth)
-        if shared:
-            gpu = jax.default_backend() == "gpu"
-            rows = rows_beside_transients(selected.count, rows, gpu=gpu)
+        rows = int(selected.count * growth) if density.interval else selected.count
+        if density.relocates and session.options.fit.transient:
+            rows = rows_beside_transients(selected.count, progress.most, gpu=gpu)
         return with_rows(unconstrain(selected), -(-rows // step) * step)
 
     parameters = Parameters(part(~moves), part(moves), None, corrections)
     return begin_state(parameters), replace(progress, limit=limit)
 
 
-def rows_beside_transients(count: int, most: int, *, gpu: bool) -> int:
-    """How many rows Gaussians of one kind begin with where transient ones share the budget.
+def rows_beside_transients(count: int, budget: int, *, gpu: bool) -> int:
+    """How many rows static or moving Gaussians begin with where transient ones share the budget.
 
     Every step computes empty rows, too, so they begin with two rows each. Where these fill up, more
-    are added (`relocate_dead`), and programs compile again. That takes a GPU longer than some
-    100,000 empty rows do in all of its steps, so that it begins with more of them
+    are added (`relocate_dead`), and programs compile again. A GPU waits longer for that than its
+    steps take for a quarter of the budget, which what moves seldom exceeds
     (experiments/captures/log.md).
 
     Args:
         count: number of Gaussians of the kind.
-        most: the largest number that density control may make of them.
+        budget: the largest number of Gaussians of all kinds, at least `count`.
         gpu: whether the steps run on a GPU.
     """
-    return min(most, max(_ROWS_GPU if gpu else 0, _ROWS_EACH * count))
+    least = int(_ROWS_SHARE * budget) if gpu and count else 0
+    return min(budget, max(least, _ROWS_EACH * count))

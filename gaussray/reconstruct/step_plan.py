@@ -22,8 +22,8 @@ _CHECK = 10
 _EARLIEST, _LAST = 0.5, 0.5
 # Blocks whose median decides the pace; the first ones may wait for a compiler.
 _BLOCKS = 5
-# A block that takes so many times as long as others has waited for a compiler: for longer lists, or
-# to score held-out tiles for the first time.
+# A block that takes so many times as long as others has waited for a compiler: for more rows or
+# longer lists, or to score held-out tiles for the first time.
 _WAITED = 4.0
 
 

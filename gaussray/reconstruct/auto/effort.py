@@ -134,8 +134,8 @@ def motions(capture: Capture, options: ReconstructOptions, machine: Machine) -> 
     Rigid bodies are found by cameras that stand still, on surface points: given ones, or, on a GPU,
     those of stereo. Whether stereo has found enough of them, only a trial tells that can spare a
     camera (`motion_trial.CAMERAS`). A trial tells, too, whether they are better than
-    transient Gaussians, which as many cameras help to follow surfaces (control points). A CPU,
-    which takes a tenth of the steps, tries control points beside transient Gaussians. Where most
+    transient Gaussians, which as many cameras help to follow surfaces (control points). On a CPU,
+    bodies on stereo's points were worse, so it tries control points beside them instead. Where most
     times have a single picture, transient Gaussians suit a camera that moves along a path; one that
     jumps from place to place needs Gaussians that all times share, on control points that begin at
     rest. That nothing moves, the user alone knows: of a camera on its way each picture shows what
@@ -158,9 +158,10 @@ def motions(capture: Capture, options: ReconstructOptions, machine: Machine) -> 
         brief = "control_points" if machine.gpu and followed else "transient"
         if given:
             return ("deformation", brief)
-        return (brief, "deformation" if machine.gpu else "control_points") if followed else (brief,)
+        if not followed:
+            return (brief,)
+        return (brief, "deformation" if machine.gpu else "control_points")
     _, at_once = np.unique([view.time for view in views], return_counts=True)
-
     many = 2 * int(np.sum(at_once >= CAMERAS)) > len(at_once)
     return ("control_points",) if many and machine.gpu else ("transient",)
 
