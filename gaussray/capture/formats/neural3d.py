@@ -24,7 +24,7 @@ def read_neural3d(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture
 
     The world's axes stay the file's own (`poses_bounds.camera_keys`). `cam00` is held out; frame i
     of n is at time i / n, as in 4DGaussians. Starting points come from points3D_downsample2.ply,
-    else from points3d.ply; without them a reconstruction starts from random ones, with a warning.
+    else from points3d.ply, where there is one.
 
     Args:
         folder: the folder with `poses_bounds.npy` and the videos.
@@ -61,11 +61,6 @@ def read_neural3d(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture
         view = dataclasses.replace(view, split="test" if path.stem == HELD_OUT else "train")
         views += views_in_time(view, [frame_path(path, i) for i in range(videos[0].frames)])
     points = points_of(top, _POINT_FILES)
-    if points is None:
-        top.warn(
-            f"neither {' nor '.join(_POINT_FILES)} is beside it: a reconstruction starts from "
-            "random points. Add a point cloud, e.g. of COLMAP, in the world of these poses."
-        )
     times = [view.time for view in views]
     return Capture(folder, views, {}, points, (min(times), max(times)), "normalised")
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gaussray.camera.camera import project
-from gaussray.capture.errors import CaptureError, CaptureWarning
+from gaussray.capture.errors import CaptureError
 from gaussray.capture.formats.neural3d import read_neural3d
 from gaussray.capture.open import format_of, open_capture
 from gaussray.capture.picture_file import check_images
@@ -48,19 +48,8 @@ def folder(original, tmp_path):
     return tmp_path
 
 
-@pytest.fixture
-def read():
-    """Reads a capture without points."""
-
-    def capture(folder):
-        with pytest.warns(CaptureWarning, match="poses_bounds.npy: neither points3D_downsample2"):
-            return read_neural3d(folder)
-
-    return capture
-
-
-def test_every_camera_films_all_frames_and_the_first_is_held_out(original, read):
-    capture = read(original)
+def test_every_camera_films_all_frames_and_the_first_is_held_out(original):
+    capture = read_neural3d(original)
     names = [name for name in ("cam00", "cam01", "cam02") for _ in range(COUNT)]
     assert [view.camera_name for view in capture.views] == names
     assert {view.camera_name for view in capture.views if view.split == "test"} == {"cam00"}
@@ -72,8 +61,8 @@ def test_every_camera_films_all_frames_and_the_first_is_held_out(original, read)
     assert [films.index_of(p) for p in films.load(capture.views)] == [*range(COUNT)] * 3
 
 
-def test_a_point_lies_where_the_matrix_puts_it(original, read):
-    for view, angle in zip(read(original).views[::COUNT], (0.0, 0.3, -0.4), strict=True):
+def test_a_point_lies_where_the_matrix_puts_it(original):
+    for view, angle in zip(read_neural3d(original).views[::COUNT], (0.0, 0.3, -0.4), strict=True):
         matrix = row(angle)[:15].reshape(3, 5)
         for point in ([0, 0, 0], [0.5, -0.3, 0.2], [-0.4, 0.6, 1.0]):
             down, right, back = (np.array(point) - matrix[:, 3]) @ matrix[:, :3]
@@ -83,17 +72,17 @@ def test_a_point_lies_where_the_matrix_puts_it(original, read):
             np.testing.assert_allclose(found, (x, y), atol=PIXELS)
 
 
-def test_the_videos_decide_the_size_and_scale_the_focal_length(folder, read):
+def test_the_videos_decide_the_size_and_scale_the_focal_length(folder):
     np.save(folder / "poses_bounds.npy", [row(a, 8 * H, 8 * W, 5.0) for a in (0, 0.3, 0.6)])
-    view = read(folder).views[0]
+    view = read_neural3d(folder).views[0]
     assert (view.width, view.height) == (W, H)
     np.testing.assert_allclose(view.camera.lens.focal, [5 / 8, 5 / 8])
     np.testing.assert_allclose(view.camera.lens.center, [W / 2, H / 2])
 
 
-def test_rows_go_with_the_videos_in_the_order_of_their_names(folder, read):
+def test_rows_go_with_the_videos_in_the_order_of_their_names(folder):
     (folder / "cam01.mp4").rename(folder / "cam17.mp4")
-    views = read(folder).views[::COUNT]
+    views = read_neural3d(folder).views[::COUNT]
     assert [view.camera_name for view in views] == ["cam00", "cam02", "cam17"]
     place = np.array([view.camera.trajectory.translation[0] for view in views])
     expected = [row(angle)[:15].reshape(3, 5)[:, 3] for angle in (0.0, 0.3, -0.4)]
@@ -111,7 +100,6 @@ def test_points_are_those_of_4dgaussians(folder, name):
     np.testing.assert_array_equal(points.color, [[1, 0, 0]])
 
 
-@pytest.mark.filterwarnings("ignore::gaussray.capture.errors.CaptureWarning")
 def test_the_folder_is_known_by_its_files(original):
     assert format_of(original) == "neural3d"
     capture = open_capture(original)
