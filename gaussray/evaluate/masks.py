@@ -2,18 +2,23 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Array, Bool, UInt8
+from jaxtyping import Array, Bool, Float16, UInt8
 
 from gaussray.camera.camera import Camera
 from gaussray.camera.film import pixel_grid
 from gaussray.capture.capture import View, viewpoints
 from gaussray.capture.frames import read_encoded
-from gaussray.capture.temporal_median import moving_mask
-from gaussray.evaluate.metrics import unit_values
+from gaussray.capture.temporal_median import differs, temporal_median
+
+
+# Pictures of a viewpoint of which the median is taken, at most: those of a long video take
+# gigabytes.
+_MOST = 100
 
 
 def view_levels(view: View) -> UInt8[np.ndarray, "h w 3"]:
@@ -50,40 +55,66 @@ def circle_mask(shape: tuple[int, ...]) -> Bool[np.ndarray, "h w"]:
     return np.hypot(x, y[:, None]) < 0.4 * min(shape)
 
 
-def moving_masks(views: Sequence[View]) -> dict[Path, Bool[np.ndarray, "h w"]]:
-    """The mask of moving pixels of each picture, from all pictures of the same viewpoint.
+class MotionMasks:
+    """Which pixels move in the pictures of cameras that stand still: those that differ from the
+    temporal median of their viewpoint.
 
-    Pictures of a moving camera have no common viewpoint and no mask.
-    """
-    groups: dict[int, list[View]] = {}
-    for number, view in zip(viewpoints(views), views, strict=True):
-        groups.setdefault(number, []).append(view)
-    masks = {}
-    for group in groups.values():
-        if len(group) > 1:
-            frames = unit_values(np.stack([view_levels(view) for view in group]), np.float32)
-            masks |= dict(zip([v.image for v in group], moving_mask(frames), strict=True))
-    return masks
-
-
-def static_masks(
-    views: Sequence[View], moving: dict[Path, Bool[np.ndarray, "h w"]]
-) -> dict[str, Bool[np.ndarray, "h w"]]:
-    """Pixels in which nothing ever moves, for each fixed camera with several pictures.
+    Medians are found when they are first asked for. Pictures of a moving camera have no common
+    viewpoint, so nothing is said of them.
 
     Args:
-        views: All views.
-        moving: Moving pixels of each picture (`moving_masks`).
-
-    Returns:
-        The masks by camera name.
+        views: all pictures of the capture, also those that are not scored.
     """
-    static: dict[str, Bool[np.ndarray, "h w"]] = {}
-    places: dict[str, set[int]] = {}
-    for number, view in zip(viewpoints(views), views, strict=True):
-        places.setdefault(view.camera_name, set()).add(number)
-    for view in views:
-        if view.image in moving and len(places[view.camera_name]) == 1:
-            mask = ~moving[view.image]
-            static[view.camera_name] = static.get(view.camera_name, mask) & mask
-    return static
+
+    def __init__(self, views: Sequence[View]):
+        self._group: dict[Path, int] = {}
+        self._views: dict[int, list[View]] = {}
+        self._places: dict[str, set[int]] = {}
+        for place, view in zip(viewpoints(views), views, strict=True):
+            self._group[view.image] = place
+            self._views.setdefault(place, []).append(view)
+            self._places.setdefault(view.camera_name, set()).add(place)
+        self._found: dict[int, _Still] = {}
+
+    def moving(
+        self, view: View, picture: UInt8[np.ndarray, "h w 3"]
+    ) -> Bool[np.ndarray, "h w"] | None:
+        """The pixels of a picture that move; None if it is the only one of its viewpoint.
+
+        Args:
+            view: one of the views.
+            picture: its picture (`view_levels`).
+        """
+        still = self._still(view)
+        return None if still is None else differs(picture, still.median, 255)
+
+    def static(self, view: View) -> Bool[np.ndarray, "h w"] | None:
+        """The pixels of a camera in which nothing ever moves; None if it has several viewpoints or
+        a single picture.
+
+        Args:
+            view: one of the camera's views.
+        """
+        still = self._still(view) if len(self._places[view.camera_name]) == 1 else None
+        return None if still is None else still.static
+
+    def _still(self, view: View) -> "_Still | None":
+        place = self._group[view.image]
+        group = self._views[place]
+        if place not in self._found and len(group) > 1:
+            some = np.linspace(0, len(group) - 1, min(len(group), _MOST)).round().astype(int)
+            pictures = np.stack([view_levels(group[i]) for i in some])
+            # Medians of levels are multiples of one half.
+            median = temporal_median(pictures).astype(np.float16)
+            moves = np.zeros(median.shape[:2], bool)
+            for picture in pictures:
+                moves |= differs(picture, median, 255)
+            self._found[place] = _Still(median, ~moves)
+        return self._found.get(place)
+
+
+class _Still(NamedTuple):
+    """What a viewpoint shows most of the time, in 8-bit levels, and where it shows nothing else."""
+
+    median: Float16[np.ndarray, "h w 3"]
+    static: Bool[np.ndarray, "h w"]

@@ -12,16 +12,11 @@ from jaxtyping import Bool, UInt8
 
 from gaussray.camera.shutter import time_window
 from gaussray.capture.capture import Capture, View
+from gaussray.capture.picture_file import picture_size, read_levels
 from gaussray.dataset.images import contact_sheet, side_by_side, srgb_levels, write_image
 from gaussray.dataset.video import write_video
 from gaussray.evaluate.flicker import Flicker
-from gaussray.evaluate.masks import (
-    circle_mask,
-    moving_masks,
-    static_masks,
-    view_levels,
-    visible_mask,
-)
+from gaussray.evaluate.masks import MotionMasks, circle_mask, view_levels, visible_mask
 from gaussray.evaluate.metrics import psnr, ssim
 from gaussray.evaluate.options import EvaluateOptions as EvaluateOptions
 from gaussray.evaluate.perceptual import perceptual_metrics
@@ -144,10 +139,9 @@ class _Evaluation:
         self, effect: str, views: list[View], every_view: Sequence[View], renderer: Renderer
     ) -> None:
         """Score the views of an effect; `every_view` of it tells what moves."""
-        moving = moving_masks(every_view)
-        static, flicker = static_masks(every_view, moving), Flicker()
+        pixels, flicker = MotionMasks(every_view), Flicker()
         rows: list[dict[str, Any]] = []
-        videos: dict[str, list[np.ndarray]] = {}
+        written: dict[str, list[Path]] = {}
         for view in views:
             frame = renderer(view.camera)
             ours, real, visible = (
@@ -155,26 +149,27 @@ class _Evaluation:
                 view_levels(view),
                 visible_mask(view.camera),
             )
-            row = _score(real, ours, visible, moving.get(view.image))
+            row = _score(real, ours, visible, pixels.moving(view, real))
             row |= {name: measure(real, ours) for name, measure in self.perceptual.items()}
             row["seconds"] = None if frame.compiled else frame.seconds
             row["part"] = _part(view, self.trained)
             rows.append(row)
             self.lines.append(_line(effect, view, row))
-            if view.camera_name in static:
-                mask = static[view.camera_name] & (True if visible is None else visible)
+            static = pixels.static(view)
+            if static is not None:
+                mask = static & (True if visible is None else visible)
                 flicker.add(row["part"], view.camera_name, mask, real, ours)
             if self.options.images:
-                self._write_image(f"{effect}/{_file(view)}", real, ours)
-                videos.setdefault(view.camera_name, []).append(np.hstack([real, ours]))
+                file = self._write_image(f"{effect}/{_file(view)}", real, ours)
+                written.setdefault(view.camera_name, []).append(file)
             if len(rows) == (len(views) + 1) // 2:
                 difference = side_by_side(real, ours)[:, -real.shape[1] :]
                 self.sheet.append((effect, [real, ours, difference]))
             mean = np.mean([row["psnr"] for row in rows])
             self.progress.report(len(self.lines), f"{effect} {mean:.2f} dB")
-        for camera, frames in videos.items():
+        for camera, files in written.items():
             self.written.append(f"{effect}/{camera}.mp4")
-            write_video(self.out / self.written[-1], frames, fps=8)
+            write_video(self.out / self.written[-1], map(_truth_and_ours, files), fps=8)
         self.report["effects"][effect] = summary(rows, self.options.samples(effect), flicker)
         self.report["frames"] += len(views)
 
@@ -189,9 +184,16 @@ class _Evaluation:
         write_json(self.out / "report.json", self.report)
         return self.report
 
-    def _write_image(self, name: str, real: np.ndarray, ours: np.ndarray) -> None:
+    def _write_image(self, name: str, real: np.ndarray, ours: np.ndarray) -> Path:
         self.written.append(name)
         write_image(self.out / name, side_by_side(real, ours))
+        return self.out / name
+
+
+def _truth_and_ours(file: Path) -> UInt8[np.ndarray, "h w2 3"]:
+    """Of a picture that was written, the truth and the rendering, without their difference."""
+    width, height = picture_size(file)
+    return read_levels(file, width, height)[:, : 2 * width // 3]
 
 
 def _cost(view: View, samples: int) -> float:

@@ -19,7 +19,7 @@ from gaussray.capture.open import format_of, open_capture
 from gaussray.capture.same_size import same_size
 from gaussray.capture.selection import Selection, selected
 from gaussray.dataset.images import write_image
-from gaussray.evaluate.masks import moving_masks
+from gaussray.evaluate.masks import MotionMasks, view_levels
 from gaussray.reconstruct.data.motion_mask import activity
 from gaussray.reconstruct.data.pictures import footage
 
@@ -123,7 +123,8 @@ def test_no_temporal_median_is_taken_over_frames_of_a_moving_camera(tmp_path):
     assert len(np.unique(pictures.name)) == 2 and len(np.unique(pictures.viewpoints)) == 8
     found = activity(pictures)
     assert found.background.shape[0] == 8 and not found.moved.any()
-    assert moving_masks(views) == {}
+    moving = MotionMasks(views)
+    assert all(moving.moving(view, view_levels(view)) is None for view in views)
 
 
 def test_a_fixed_camera_still_tells_what_moves(tmp_path):
@@ -131,7 +132,8 @@ def test_a_fixed_camera_still_tells_what_moves(tmp_path):
     views = open_capture(lay(tmp_path, frames)).views
     assert viewpoints(views) == [0, 0, 0]
     assert activity(footage(views, side=8)).moved.any()
-    assert len(moving_masks(views)) == 3
+    moving = MotionMasks(views)
+    assert [moving.moving(view, view_levels(view)).shape for view in views] == [(H, W)] * 3
 
 
 def test_a_recorded_trajectory_is_another_viewpoint_at_another_time(tmp_path):
