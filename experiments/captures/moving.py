@@ -12,19 +12,19 @@ import argparse
 import dataclasses
 import json
 import time
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from experiments.captures.fits import Variant, fit_arguments, fitted, pairs, replaced, varied
-from gaussray.capture.capture import View, viewpoints
+from gaussray.capture.capture import View
 from gaussray.capture.frames import read_encoded
 from gaussray.capture.open import open_capture
 from gaussray.capture.selection import Selection
-from gaussray.capture.temporal_median import differs, moving_mask
+from gaussray.capture.temporal_median import differs
 from gaussray.color import psnr_from_mse
 from gaussray.dataset.images import side_by_side, srgb_levels, write_image
+from gaussray.evaluate.masks import MotionMasks, view_levels
 from gaussray.evaluate.metrics import psnr, ssim
 from gaussray.evaluate.pipeline import scene_size
 from gaussray.reconstruct.checks.failed_fit import FailedFit
@@ -71,29 +71,19 @@ HEAD = (
 )
 
 
-def masks_of(views: Sequence[View]) -> dict[Path, np.ndarray]:
-    """The pixels that move in each picture: those that differ from the temporal median of their
-    camera, or, where it moves, from the picture in `still/`, which shows what stands still alone.
-    None where there is no such picture."""
-    groups: dict[int, list[View]] = {}
-    for view, place in zip(views, viewpoints(views), strict=True):
-        groups.setdefault(place, []).append(view)
-    masks = {}
-    for group in groups.values():
-        frames = np.stack([read_encoded(view) for view in group]).astype(np.float32) / 255
-        moving = moving_mask(frames) if len(group) > 1 else emptied_mask(group[0], frames)
-        masks |= {view.image: mask for view, mask in zip(group, moving, strict=True)}
-    return masks
-
-
-def emptied_mask(view: View, frame: np.ndarray) -> np.ndarray:
-    """The pixels of a picture that differ from the one without what moves (`soft_scenes`)."""
+def moving_pixels(masks: MotionMasks, view: View) -> np.ndarray:
+    """The pixels of a view that move: those that differ from the temporal median of their camera,
+    or, where it moves, from the picture in `still/`, which shows what stands still alone
+    (`soft_scenes`); none where there is no such picture."""
+    levels = view_levels(view)
+    moving = masks.moving(view, levels)
+    if moving is not None:
+        return moving
     before, found, name = str(view.image).rpartition("/images/")
     image = Path(f"{before}/still/{name}")
     if not (found and image.exists()):
-        return np.zeros(frame.shape[:3], bool)
-    empty = read_encoded(dataclasses.replace(view, image=image))
-    return differs(frame, empty[None].astype(np.float32) / 255)
+        return np.zeros(levels.shape[:2], bool)
+    return differs(levels, view_levels(dataclasses.replace(view, image=image)), 255)
 
 
 def scored(view: View, image: np.ndarray, mask: np.ndarray) -> dict[str, float]:
@@ -137,11 +127,11 @@ def fit(
     render = Renderer(
         made.scene, options=RenderOptions(samples=1), trace=TraceOptions(), devices=devices
     )
-    masks, images = masks_of(capture.views), {}
+    masks, images = MotionMasks(capture.views), {}
 
     def scores(views: list[View]) -> dict[str, float]:
         images.update({view.image: srgb_levels(render(view.camera).color) for view in views})
-        return mean_scores([scored(v, images[v.image], masks[v.image]) for v in views])
+        return mean_scores([scored(v, images[v.image], moving_pixels(masks, v)) for v in views])
 
     known = scores([view for view in held_out if view.time in trained])
     between = scores([view for view in held_out if view.time not in trained])

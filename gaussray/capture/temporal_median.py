@@ -112,19 +112,3 @@ def stands_out(difference: Float[np.ndarray, "h w 3"]) -> Bool[np.ndarray, "h w"
     """
     apart = np.max(np.abs(difference), axis=-1)
     return apart > max(MOTION_THRESHOLD, OUTLYING * float(np.median(apart)))
-
-
-def moving_mask(
-    frames: Float[np.ndarray, "frames h w 3"],
-) -> Bool[np.ndarray, "frames h w"]:
-    """Moving pixels in the pictures of one camera that stands still.
-
-    Args:
-        frames: sRGB-encoded pictures in 0..1.
-
-    Returns:
-        The pixels of which a channel differs by more than `MOTION_THRESHOLD` from the temporal
-        median.
-    """
-    median = temporal_median(frames)
-    return np.stack([differs(frame, median) for frame in frames])

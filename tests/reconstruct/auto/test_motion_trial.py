@@ -9,7 +9,7 @@ import pytest
 import toy
 
 from gaussray.capture.formats.paired import read_capture
-from gaussray.capture.temporal_median import moving_mask
+from gaussray.capture.temporal_median import differs
 from gaussray.reconstruct import pipeline
 from gaussray.reconstruct.auto import effort, machine, motion_choice, motion_trial
 from gaussray.reconstruct.auto.motion_choice import with_motion_tried
@@ -170,7 +170,8 @@ def test_only_pixels_that_differ_from_the_temporal_median_count(capture):
     train = training_views(capture)
     one = [view for view in train if view.camera_name == train[0].camera_name]
     pictures = seen(one)
-    moving = moving_mask(pictures.pictures(np.arange(len(one))) / np.float32(255))
+    levels = pictures.pictures(np.arange(len(one)))
+    moving = differs(levels, np.median(levels, axis=0), 255)
     assert 0 < moving.mean() < 0.5
     alone = moving_alone(pictures, activity(pictures))
     np.testing.assert_array_equal(alone.masks(np.arange(len(one))), moving)
