@@ -59,8 +59,9 @@ class MotionMasks:
     """Which pixels move in the pictures of cameras that stand still: those that differ from the
     temporal median of their viewpoint.
 
-    Medians are found when they are first asked for. Pictures of a moving camera have no common
-    viewpoint, so nothing is said of them.
+    Medians are found when they are first asked for; of more than a hundred pictures of a viewpoint,
+    a hundred tell that are evenly spread. Pictures of a moving camera have no common viewpoint, so
+    nothing is said of them.
 
     Args:
         views: all pictures of the capture, also those that are not scored.
