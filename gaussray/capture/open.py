@@ -10,6 +10,7 @@ from jaxtyping import DTypeLike
 
 from gaussray.capture.capture import Capture, View
 from gaussray.capture.clip_start import with_clip_starts
+from gaussray.capture.distant_origin import read_near_origin
 from gaussray.capture.errors import CaptureError, CaptureWarning
 from gaussray.capture.formats.actorshq import CALIBRATION_FILE, is_actorshq, read_actorshq
 from gaussray.capture.formats.colmap import read_colmap
@@ -109,7 +110,8 @@ def open_capture(
             f"got {background!r}."
         )
     layout = format_of(folder) if format == "auto" else format
-    capture = with_times_from_first(FORMATS[layout](folder, dtype))
+    capture = read_near_origin(lambda: FORMATS[layout](folder, dtype))
+    capture = with_times_from_first(capture)
     if layout in _MASKED:
         capture = with_mask_folder(capture)
 

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gaussray.capture.errors import CaptureError, CaptureWarning
+from gaussray.capture.world_origin import counted_positions
 from gaussray.color import srgb_decode
 from gaussray.io.ply import read_vertices
 
@@ -37,7 +38,8 @@ def read_points(path: Path | str) -> Points:
     absent = [name for name in "xyz" if name not in names]
     if absent:
         raise CaptureError(f"{path}: element vertex must have x, y and z, got no {absent[0]}.")
-    position = np.stack([table[name] for name in ("x", "y", "z")], axis=-1).astype(np.float32)
+    position = counted_positions(np.stack([table[name] for name in ("x", "y", "z")], axis=-1))
+    position = position.astype(np.float32)
     color = _colors(path, table, names)
     finite = np.isfinite(position).all(axis=-1) & np.isfinite(color).all(axis=-1)
     if not finite.any():

@@ -167,6 +167,7 @@ class _Evaluation:
                 self.sheet.append((effect, [real, ours, difference]))
             mean = np.mean([row["psnr"] for row in rows])
             self.progress.report(len(self.lines), f"{effect} {mean:.2f} dB")
+        demand(self.out, self.written)
         for camera, files in written.items():
             self.written.append(f"{effect}/{camera}.mp4")
             write_video(self.out / self.written[-1], map(_truth_and_ours, files), fps=8)

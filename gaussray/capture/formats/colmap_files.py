@@ -10,6 +10,7 @@ import numpy as np
 
 from gaussray.capture.errors import CaptureError
 from gaussray.capture.points import Points
+from gaussray.capture.world_origin import counted_positions
 from gaussray.color import srgb_decode
 from gaussray.io.safe.files import opened, read_text
 from gaussray.io.safe.limits import within
@@ -138,7 +139,7 @@ def _points(path, table) -> Points | None:
     if not np.isfinite(rows).all():
         raise CaptureError(f"{path}: points must be finite, got {rows[~np.isfinite(rows)][0]}.")
     color = srgb_decode(rows[:, 3:] / 255)
-    return Points(rows[:, :3].astype(np.float32), color.astype(np.float32))
+    return Points(counted_positions(rows[:, :3]).astype(np.float32), color.astype(np.float32))
 
 
 def _bytes(path: Path) -> bytes:

@@ -15,6 +15,7 @@ from gaussray.capture.errors import CaptureError
 from gaussray.capture.formats.json_keys import Keys
 from gaussray.capture.formats.transforms import json_content, views_of
 from gaussray.capture.points import Points
+from gaussray.capture.world_origin import counted_positions
 from gaussray.color import srgb_decode
 from gaussray.geometry import BLENDER_AXES
 from gaussray.io.safe.arrays import read_npz
@@ -142,4 +143,4 @@ def _points(path: Path) -> Points | None:
             "and a label."
         )
     color = srgb_decode(np.clip(table[:, 3:6].astype(np.float64), 0, 1))
-    return Points(table[:, :3].astype(np.float32), color.astype(np.float32))
+    return Points(counted_positions(table[:, :3]).astype(np.float32), color.astype(np.float32))

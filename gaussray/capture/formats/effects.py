@@ -14,6 +14,7 @@ from gaussray.camera.shake import Shake
 from gaussray.camera.shutter import DIRECTIONS, Shutter, check_shutter, row_count, row_step_of
 from gaussray.camera.trajectory import INTERPOLATIONS, Trajectory
 from gaussray.capture.formats.json_keys import Keys
+from gaussray.capture.world_origin import counted_positions
 from gaussray.geometry import BLENDER_AXES, quaternion
 from gaussray.io.plain_values import to_device
 from gaussray.io.safe.limits import within
@@ -159,7 +160,7 @@ def _poses(keys: Keys, name: str, dtype: DTypeLike) -> tuple[Array, Array, Array
         poses.append(block.pose())
     poses = np.stack(poses)
     quat = quaternions(poses, dtype)
-    return to_device(times, dtype), quat, to_device(poses[:, :, 3], dtype)
+    return to_device(times, dtype), quat, to_device(counted_positions(poses[:, :, 3]), dtype)
 
 
 def _shake(keys: Keys, dtype: DTypeLike) -> Shake | None:

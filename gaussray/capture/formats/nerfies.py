@@ -20,6 +20,7 @@ from gaussray.capture.formats.poses import opengl_pose
 from gaussray.capture.formats.transforms import json_content, views_of
 from gaussray.capture.picture_file import picture_size
 from gaussray.capture.points import Points
+from gaussray.capture.world_origin import counted_positions
 from gaussray.io.safe.arrays import read_npy
 from gaussray.io.safe.limits import within
 
@@ -179,5 +180,5 @@ def _points(path: Path) -> Points | None:
         raise CaptureError(f"{path}: the file must be a NumPy array: {error}") from None
     if table.ndim != 2 or table.shape[1] != 3 or table.dtype.kind != "f":
         raise CaptureError(f"{path}: the array must be real numbers [points, 3].")
-    table = table[np.isfinite(table).all(axis=1)].astype(np.float32)
+    table = counted_positions(table[np.isfinite(table).all(axis=1)]).astype(np.float32)
     return Points(table, np.full(table.shape, 0.5, np.float32)) if len(table) else None

@@ -28,6 +28,7 @@ from gaussray.capture.formats.json_keys import Keys
 from gaussray.capture.formats.lenses import INTRINSICS, LENS_LABELS, lens_of
 from gaussray.capture.frames import COLOR_SPACES
 from gaussray.capture.points import Points, read_points
+from gaussray.capture.world_origin import counted_positions
 from gaussray.io.plain_values import to_device
 from gaussray.io.safe.files import read_json
 from gaussray.io.safe.limits import within
@@ -196,7 +197,7 @@ def _view(
 
 def _standing(pose: np.ndarray, rotation: np.ndarray, dtype: DTypeLike) -> Trajectory:
     """The path of a camera that stands still."""
-    place = to_device(pose[None, :, 3], dtype)
+    place = to_device(counted_positions(pose[None, :, 3]), dtype)
     return Trajectory(to_device([0.0], dtype), to_device(rotation[None]), place)
 
 
