@@ -15,6 +15,8 @@ from gaussray.prepare.timeline import Timeline
 
 # Shifts of a frame against its timestamp below this many seconds are none.
 _NO_SHIFT = 1e-5
+# A coordinate from which on numbers of 32 bits are a thousandth of a unit apart, or more.
+_FAR = 1e4
 
 
 def capture_document(
@@ -74,21 +76,22 @@ def transform_matrix(pose: Float[np.ndarray, "3 4"]) -> list[list[float]]:
 def write_points(
     path: Path, points: Float[np.ndarray, "n 3"], levels: UInt8[np.ndarray, "n 3"]
 ) -> None:
-    """Write a binary PLY file of coloured points.
+    """Write a binary PLY file of coloured points; in map coordinates, positions have 64 bits.
 
     Args:
         path: the file to write.
         points: positions in the world.
         levels: sRGB-encoded red, green and blue of each point.
     """
-    columns = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
+    number = "<f4" if np.abs(points).max(initial=0) < _FAR else "<f8"
+    columns = [("x", number), ("y", number), ("z", number)]
     columns += [(name, "u1") for name in ("red", "green", "blue")]
     table = np.zeros(len(points), columns)
     for i, axis in enumerate("xyz"):
         table[axis] = points[:, i]
     for i, name in enumerate(("red", "green", "blue")):
         table[name] = levels[:, i]
-    kinds = {"<f4": "float", "u1": "uchar"}
+    kinds = {"<f4": "float", "<f8": "double", "u1": "uchar"}
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
     header += [f"property {kinds[kind]} {name}" for name, kind in columns] + ["end_header", ""]
     with whole(path) as partial:
