@@ -9,21 +9,20 @@ from jaxtyping import Float
 
 from gaussray.capture.capture import Capture
 from gaussray.capture.errors import CaptureWarning
-from gaussray.capture.world_origin import counted_from
+from gaussray.capture.world_origin import MAP_COORDINATE, counted_from
 
 
 # How finely numbers of 32 bits must tell positions, in standard deviations of those of the cameras.
 _FINEST = 1e-4
-# A coordinate from which on the origin is far away although all cameras stand at one place.
-_FAR = 1e4
 
 
 def read_near_origin(read: Callable[[], Capture]) -> Capture:
     """A capture whose positions numbers of 32 bits tell apart.
 
-    Near 5,000,000 (metres in map coordinates) they are half a metre apart. So where the cameras are
-    closer together than ten thousand such steps, the capture is read once more, with all positions
-    counted from a round place among the cameras, with a warning that names it.
+    Near 5,000,000 (metres in map coordinates) they are half a metre apart. So where cameras are
+    further from the origin than `MAP_COORDINATE`, and closer together than ten thousand such steps,
+    the capture is read once more, with all positions counted from a round place among the cameras,
+    with a warning that names it.
 
     Args:
         read: reads the capture; its positions go through `world_origin.counted_positions`.
@@ -55,7 +54,8 @@ def _place_among_cameras(capture: Capture) -> Float[np.ndarray, "3"] | None:
     largest = np.abs(eye).max()
     finest, eye = float(np.spacing(largest)), eye.astype(np.float64)
     spread = float(np.sqrt(np.sum(np.var(eye, axis=0))))
-    if finest <= _FINEST * spread or spread == 0 and largest < _FAR:
+    # Cameras that hardly move are close together wherever the origin is.
+    if largest < MAP_COORDINATE or finest <= _FINEST * spread:
         return None
     # Round, so that other pictures of the same cameras are counted from the same place.
     step = 10.0 ** math.ceil(math.log10(max(10 * spread, 100 * finest)))

@@ -7,6 +7,9 @@ from contextvars import ContextVar
 import numpy as np
 
 
+# A coordinate from which on positions are those of a map: numbers of 32 bits are a thousandth of a
+# unit apart there, or more.
+MAP_COORDINATE = 1e4
 _origin: ContextVar[np.ndarray | None] = ContextVar("origin", default=None)
 
 

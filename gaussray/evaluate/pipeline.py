@@ -141,7 +141,7 @@ class _Evaluation:
         """Score the views of an effect; `every_view` of it tells what moves."""
         pixels, flicker = MotionMasks(every_view), Flicker()
         rows: list[dict[str, Any]] = []
-        written: dict[str, list[Path]] = {}
+        films: dict[str, list[Path]] = {}
         for view in views:
             frame = renderer(view.camera)
             ours, real, visible = (
@@ -161,14 +161,14 @@ class _Evaluation:
                 flicker.add(row["part"], view.camera_name, mask, real, ours)
             if self.options.images:
                 file = self._write_image(f"{effect}/{_file(view)}", real, ours)
-                written.setdefault(view.camera_name, []).append(file)
+                films.setdefault(view.camera_name, []).append(file)
             if len(rows) == (len(views) + 1) // 2:
                 difference = side_by_side(real, ours)[:, -real.shape[1] :]
                 self.sheet.append((effect, [real, ours, difference]))
             mean = np.mean([row["psnr"] for row in rows])
             self.progress.report(len(self.lines), f"{effect} {mean:.2f} dB")
         demand(self.out, self.written)
-        for camera, files in written.items():
+        for camera, files in films.items():
             self.written.append(f"{effect}/{camera}.mp4")
             write_video(self.out / self.written[-1], map(_truth_and_ours, files), fps=8)
         self.report["effects"][effect] = summary(rows, self.options.samples(effect), flicker)

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from gaussray.capture.formats.poses import opengl_pose
+from gaussray.capture.world_origin import MAP_COORDINATE
 from gaussray.io.atomic import whole
 from gaussray.prepare.poses import Placement
 from gaussray.prepare.timeline import Timeline
@@ -15,8 +16,6 @@ from gaussray.prepare.timeline import Timeline
 
 # Shifts of a frame against its timestamp below this many seconds are none.
 _NO_SHIFT = 1e-5
-# A coordinate from which on numbers of 32 bits are a thousandth of a unit apart, or more.
-_FAR = 1e4
 
 
 def capture_document(
@@ -83,7 +82,7 @@ def write_points(
         points: positions in the world.
         levels: sRGB-encoded red, green and blue of each point.
     """
-    number = "<f4" if np.abs(points).max(initial=0) < _FAR else "<f8"
+    number = "<f4" if np.abs(points).max(initial=0) < MAP_COORDINATE else "<f8"
     columns = [("x", number), ("y", number), ("z", number)]
     columns += [(name, "u1") for name in ("red", "green", "blue")]
     table = np.zeros(len(points), columns)
