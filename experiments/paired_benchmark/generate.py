@@ -61,6 +61,10 @@ def arguments():
     parser.add_argument("--held-frames", type=int, help="0: the paper's protocol")
     parser.add_argument("--samples", type=int, help="per pixel of training pictures")
     parser.add_argument("--truth-samples", type=int, help="per pixel of pictures that are scored")
+    parser.add_argument("--effect-step", type=int, help="effects are filmed at every Nth frame")
+    unset = {"action": "store_false", "default": None}
+    parser.add_argument("--held-effects", dest="paired", help="only by held-out cameras", **unset)
+    parser.add_argument("--no-depth", dest="depth", help="no pictures of depth", **unset)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--processes", type=int, default=1, help="on this machine")
     parser.add_argument(

@@ -25,7 +25,8 @@ class Preset:
     """How much is filmed; `held_cameras` and `held_frames` are for scoring alone.
 
     `samples` are those of training pictures; what is scored gets `truth_samples`. Effects are
-    filmed every `effect_step` frames, by the cameras held out or, if `paired`, by all.
+    filmed every `effect_step` frames, by the cameras held out or, if `paired`, by all. `depth` is
+    of the pinhole pictures that are scored.
     """
 
     size: int
@@ -37,6 +38,7 @@ class Preset:
     truth_samples: int
     effect_step: int
     paired: bool
+    depth: bool = True
 
     def problem(self):
         """What is wrong with it, None if nothing."""
@@ -123,6 +125,7 @@ def picture(preset, effect, blocks, index, camera, split, pose):
     split = "test" if index in held(preset) else split
     folder = "images" if effect == "pinhole" else effect
     scored = split == "test" or effect != "pinhole"
+    measured = preset.depth and split == "test" and not blocks
     return Image(
         path=f"{folder}/{camera}/{index:04d}.{KIND['test' if scored else 'train']}",
         blocks=blocks,
@@ -131,7 +134,7 @@ def picture(preset, effect, blocks, index, camera, split, pose):
         split=split,
         pose=pose,
         time=index / (preset.frames - 1),
-        depth=f"depth/{camera}/{index:04d}.png" if not blocks and split == "test" else None,
+        depth=f"depth/{camera}/{index:04d}.png" if measured else None,
     )
 
 

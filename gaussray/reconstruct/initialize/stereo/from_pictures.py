@@ -266,22 +266,24 @@ def moving_views(
     footage: Footage, time: float, moved: MovingPixels
 ) -> tuple[StereoViewSet, Bool[np.ndarray, "views h w"]] | None:
     """The pictures of one timestamp, masked to what moves and a margin, and which pixels move; None
-    if fewer than two of them show that anything moves.
+    unless one of them shows that something moves, and another one does or may.
 
     Args:
         footage: the training pictures and their cameras.
         time: the timestamp, in the capture's unit.
-        moved: which pixels of a frame move; frames for which it gives None are left out.
+        moved: which pixels of a frame move; frames for which it gives None count everywhere, to
+            match the others with, and none of their pixels moves.
     """
-    found = {}
-    for frame in np.flatnonzero(footage.times == footage.times.dtype.type(time)):
-        mask = moved(int(frame))
-        if mask is not None:
-            found[int(frame)] = mask
-    if sum(mask.any() for mask in found.values()) < 2:
+    chosen = np.flatnonzero(footage.times == footage.times.dtype.type(time))
+    found = [moved(int(frame)) for frame in chosen]
+    shows = sum(mask is not None and mask.any() for mask in found)
+    if not shows or shows + sum(mask is None for mask in found) < 2:
         return None
-    chosen, masks = np.array(list(found), np.int64), np.stack(list(found.values()))
-    wide = np.stack([binary_dilation(mask, np.ones((3, 3)), 3) for mask in masks])
+    everywhere = np.ones((footage.film.height, footage.film.width), bool)
+    masks = np.stack([~everywhere if mask is None else mask for mask in found])
+    wide = np.stack(
+        [everywhere if m is None else binary_dilation(m, np.ones((3, 3)), 3) for m in found]
+    )
     cameras = jax.tree.map(lambda x: x[chosen], footage.camera)
     return StereoViewSet(footage.pictures(chosen), wide, cameras, chosen), masks
 
@@ -299,11 +301,12 @@ def _moving(views, moved, options, known=None, report=lambda done: None) -> Ster
         wanted=wanted,
         report=report,
     )
-    if len(matched.position) >= _ENOUGH * wanted.sum() / len(wanted):
+    told = ~views.masks.all(axis=(1, 2))
+    if len(matched.position) >= _ENOUGH * wanted.sum() / told.sum():
         return matched
-    factor = reduction(moved.shape[1:], options.pixels)
-    seen = stereo_views(views.pictures, views.cameras, views.masks, factor=factor)
-    inside = silhouette_points(seen, wanted)
+    own, factor = jax.tree.map(lambda x: x[told], views), reduction(moved.shape[1:], options.pixels)
+    seen = stereo_views(own.pictures, own.cameras, own.masks, factor=factor)
+    inside = silhouette_points(seen, wanted[told])
     return StereoPoints(*(np.concatenate(x) for x in zip(matched, inside, strict=True)))
 
 

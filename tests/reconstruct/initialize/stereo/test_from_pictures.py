@@ -126,11 +126,23 @@ def test_moving_pixels_are_those_that_differ_from_the_median():
     np.testing.assert_array_equal(views.pictures[0], pictures[2])
 
 
-def test_without_two_still_cameras_nothing_is_known_to_move():
-    footage, _ = film_of_square(moving_camera=True)
+def test_a_camera_that_moves_counts_everywhere_and_shows_nothing_that_moves():
+    footage, pictures = film_of_square(moving_camera=True)
     masks = MedianMasks(footage)
     assert still_camera_count(footage) == 1 and masks(7) is None and masks(2) is not None
-    assert moving_views(footage, 0.5, masks) is None
+    views, moved = moving_views(footage, 0.5, masks)
+    assert views.frames.tolist() == [2, 7] and views.masks is not None
+    assert moved[0].any() and not views.masks[0].all()
+    assert not moved[1].any() and views.masks[1].all()
+    np.testing.assert_array_equal(views.pictures[1], pictures[7])
+
+
+def test_without_a_still_camera_that_sees_something_move_there_are_no_views():
+    footage, _ = film_of_square(moving_camera=True)
+    unmoved = np.zeros((SIZE, SIZE), bool)
+    assert moving_views(footage, 0.5, lambda frame: None) is None
+    assert moving_views(footage, 0.5, lambda frame: unmoved if frame < 5 else None) is None
+    assert moving_views(footage, 0.5, lambda frame: unmoved) is None
 
 
 def test_any_pixels_may_be_told_to_move():
