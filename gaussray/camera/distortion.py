@@ -20,6 +20,8 @@ _NEWTON_STEPS = 6
 # Largest residual, in focal lengths, of a point that counts as undistorted: far below a pixel, far
 # above rounding in single precision.
 _RESIDUAL = 1e-4
+# Places between the centre and a point at which the radius must grow.
+_PLACES = 8
 
 
 def distort(coefficients: Float[Array, " coefficients"], xy: Float[Array, "2"]) -> Array:
@@ -35,11 +37,10 @@ def distort(coefficients: Float[Array, " coefficients"], xy: Float[Array, "2"]) 
             tau_x, tau_y).
         xy: Point in focal lengths from the principal point.
     """
-    k1, k2, p1, p2, k3, k4, k5, k6 = coefficients[:8]
+    p1, p2 = coefficients[2:4]
     x, y = xy
     square = x * x + y * y
-    above = 1 + square * (k1 + square * (k2 + square * k3))
-    below = 1 + square * (k4 + square * (k5 + square * k6))
+    above, below = _radial(coefficients, square)
     radial = above / below
     bent = jnp.stack(
         [
@@ -55,6 +56,35 @@ def distort(coefficients: Float[Array, " coefficients"], xy: Float[Array, "2"]) 
     return bent
 
 
+def _radial(
+    coefficients: Float[Array, " coefficients"], square: Float[Array, "..."]
+) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    """Numerator and denominator of the factor of the radius, whose square is given."""
+    k1, k2, _, _, k3, k4, k5, k6 = coefficients[:8]
+    above = 1 + square * (k1 + square * (k2 + square * k3))
+    below = 1 + square * (k4 + square * (k5 + square * k6))
+    return above, below
+
+
+def _radius_grows(
+    coefficients: Float[Array, " coefficients"], xy: Float[Array, "2"]
+) -> Bool[Array, ""]:
+    """Whether the distorted radius grows with the ideal one all the way from the centre to a point.
+
+    Beyond a fold it may grow again, or pass the centre to the other side, where it falls: both keep
+    the orientation.
+    """
+    share = jnp.arange(1, _PLACES + 1, dtype=xy.dtype) / _PLACES
+    square = jnp.dot(xy, xy) * share**2
+    one = jnp.ones_like(square)
+    (above, below), (d_above, d_below) = jax.jvp(
+        lambda u: _radial(coefficients, u), (square,), (one,)
+    )
+    # The derivative of r above / below, times below^2.
+    rises = above * below + 2 * square * (d_above * below - above * d_below) > 0
+    return jnp.all(rises & (below > 0))
+
+
 def _tilted(tau: Float[Array, "2"], xy: Float[Array, "2"]) -> Float[Array, "2"]:
     """Where the ray through `xy` meets the tilted sensor, whose axial point stays in place."""
     (cx, cy), (sx, sy) = jnp.cos(tau), jnp.sin(tau)
@@ -67,7 +97,8 @@ def _tilted(tau: Float[Array, "2"], xy: Float[Array, "2"]) -> Float[Array, "2"]:
 def keeps_picture_orientation(
     coefficients: Float[Array, " coefficients"], xy: Float[Array, "2"]
 ) -> Bool[Array, ""]:
-    """Whether the distortion keeps the picture's orientation at an ideal image point.
+    """Whether the distortion keeps the picture's orientation from the centre to an ideal image
+    point.
 
     Strong coefficients fold the picture back onto itself far from the centre; no real lens does.
 
@@ -75,7 +106,7 @@ def keeps_picture_orientation(
         coefficients: 8, 12 or 14 coefficients in OpenCV's order.
         xy: The ideal image point, in focal lengths.
     """
-    return keeps_orientation(_bent, xy, coefficients)
+    return keeps_orientation(_bent, xy, coefficients) & _radius_grows(coefficients, xy)
 
 
 def undistort(
@@ -88,10 +119,13 @@ def undistort(
         target: The distorted image point, in focal lengths.
 
     Returns:
-        The ideal image point, and whether there is one.
+        The ideal image point, and whether there is one before the picture folds.
     """
     start = jax.lax.stop_gradient(target)
-    return plane_root(_bent, target, coefficients, start, steps=_NEWTON_STEPS, residual=_RESIDUAL)
+    xy, found = plane_root(
+        _bent, target, coefficients, start, steps=_NEWTON_STEPS, residual=_RESIDUAL
+    )
+    return xy, found & _radius_grows(*jax.lax.stop_gradient((coefficients, xy)))
 
 
 def _bent(xy: Float[Array, "2"], coefficients: Float[Array, " coefficients"]) -> Array:

@@ -263,6 +263,26 @@ def test_folding_distortion_is_black_instead_of_wrong():
     np.testing.assert_allclose(back[lit], np.array(pixel_centers())[lit], atol=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("k", "edge"),
+    [
+        # r (1 + k1 r^2) turns back at sqrt(1 / (-3 k1)), and passes the centre at sqrt(1 / -k1).
+        ((-0.8, 0.0), np.sqrt(1 / 2.4)),
+        # r (1 - 2 r^2 + 1.5 r^4) falls between the roots of 1 - 6 r^2 + 7.5 r^4, then rises again.
+        ((-2.0, 1.5), np.sqrt((6 - np.sqrt(6)) / 15)),
+    ],
+)
+def test_nothing_beyond_the_first_fold_is_in_the_picture(k, edge):
+    lens = Pinhole(FOCAL, CENTER, array(*k, *[0.0] * 6))
+    radius = np.linspace(0.01, 2.0, 400)
+    points = jnp.stack([radius, 0 * radius, 1 + 0 * radius], axis=-1)
+    imaged = ~np.isnan(np.array(image(lens, points))).any(axis=-1)
+    np.testing.assert_array_equal(imaged, radius < edge)
+    direction = np.array(look(lens, pixel_centers()))
+    lit = np.any(direction != 0, axis=-1)
+    assert lit.any() and np.all(np.hypot(*direction[lit, :2].T) < edge * direction[lit, 2])
+
+
 # Off the axis, and 1e-3 px from it, where r is small but not zero.
 PROBES = [(11.3, 52.1), (80.2, 20.9), (47.001, 33.0)]
 POINTS = [(0.3, -0.2, 1.1), (1e-3, 0.0, 2.0)]

@@ -65,8 +65,7 @@ def test_a_pinhole_that_turns_back_well_within_the_picture_is_refused():
     level, reason = lens_complaint(bent)
     share = 1 - np.pi * 171**2 / (640 * 480)
     found = float(reason.split(" %")[0].split()[-1]) / 100
-    # A grid of 9 x 9 pixels has its outermost ones on the border of the picture.
-    assert level == "refuse" and is_unreadable(bent) and found == pytest.approx(share, abs=0.08)
+    assert level == "refuse" and is_unreadable(bent) and found == pytest.approx(share, abs=0.01)
 
 
 def test_a_lens_whose_other_corner_turns_back_is_noticed():

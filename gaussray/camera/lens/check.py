@@ -12,6 +12,13 @@ from gaussray.runtime.kept_programs import KeptProgram
 from gaussray.runtime.programs import quick_compilation
 
 
+# Pixels of a side that are looked at, and the share of the picture that each stands for: those of
+# the border have neighbours on one side alone.
+_SIDE = 9
+_HALVED = np.where(np.isin(np.arange(_SIDE), (0, _SIDE - 1)), 0.5, 1.0)
+_SHARES = np.outer(_HALVED, _HALVED).ravel()
+
+
 def check_lens(lens: AbstractLens, width: int, height: int, dark: float = 0.0) -> float:
     """Check a lens for pictures of a size.
 
@@ -22,16 +29,16 @@ def check_lens(lens: AbstractLens, width: int, height: int, dark: float = 0.0) -
         lens: The lens.
         width: Width of the picture in pixels.
         height: Height of the picture in pixels.
-        dark: Largest share of the grid that may have no direction under a pinhole, too.
+        dark: Largest share of the picture that may have no direction under a pinhole, too.
 
     Returns:
-        The share of the grid that has no direction.
+        The share of the picture that has no direction, as the grid tells it.
 
     Raises:
         ValueError: If a parameter is invalid, or if two pixels share a direction.
     """
     lens.check()
-    side = np.linspace(0, 1, 9)
+    side = np.linspace(0, 1, _SIDE)
     columns, rows = 0.5 + side * (width - 1), 0.5 + side * (height - 1)
     pixel = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
     # One precision, which no number weakens: equal lenses share a program.
@@ -42,7 +49,7 @@ def check_lens(lens: AbstractLens, width: int, height: int, dark: float = 0.0) -
     if dark and lens.fills_picture:
         # Where distortion turns back, a ray may be formed that comes back to no pixel.
         lit = lit & ~np.isnan(back).any(axis=-1)
-    lacking = 1 - float(np.mean(lit))
+    lacking = 1 - float(np.average(lit, weights=_SHARES))
     wrong = np.where(lit, ~close, lens.fills_picture and lacking > dark)
     if wrong.any():
         key, remedy = lens.fold_message
