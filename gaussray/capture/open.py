@@ -24,11 +24,11 @@ from gaussray.capture.formats.nerfies import DATASET_FILE, is_nerfies, read_nerf
 from gaussray.capture.formats.neural3d import read_neural3d, videos_of
 from gaussray.capture.formats.paired import effect_files, read_capture
 from gaussray.capture.formats.pinf import INFO_FILE, is_pinf, read_pinf
-from gaussray.capture.formats.poses_bounds import POSES_FILE
+from gaussray.capture.formats.poses_bounds import POSES_FILE, read_poses_bounds
 from gaussray.capture.formats.technicolor import PARAMETERS_FILE, read_technicolor
 from gaussray.capture.formats.transforms import PINHOLE_FILE
 from gaussray.capture.mask_folder import with_mask_folder
-from gaussray.capture.picture_file import BACKGROUNDS
+from gaussray.capture.picture_file import BACKGROUNDS, picture_exists
 from gaussray.capture.selection import Selection, selected
 from gaussray.capture.stored_sizes import at_stored_sizes
 from gaussray.capture.time_origin import with_times_from_first
@@ -111,6 +111,9 @@ def open_capture(
         )
     layout = format_of(folder) if format == "auto" else format
     capture = read_near_origin(lambda: FORMATS[layout](folder, dtype))
+    if format == "auto" and layout == "colmap" and _is_of_others(capture):
+        layout = "llff"
+        capture = read_near_origin(lambda: read_llff(folder, dtype))
     capture = with_times_from_first(capture)
     if layout in _MASKED:
         capture = with_mask_folder(capture)
@@ -125,6 +128,26 @@ def open_capture(
     capture = with_clip_starts(capture, selection.clip_start)
     _warn_of_trained_tests(capture)
     return capture
+
+
+def _is_of_others(capture: Capture) -> bool:
+    """Whether a model of COLMAP names pictures that do not exist while poses_bounds.npy has a row
+    for each one that does: they were renamed since. A warning says so."""
+    path = capture.folder / POSES_FILE
+    absent = [view.image.name for view in capture.views if not picture_exists(view.image)]
+    if not absent or not path.is_file():
+        return False
+    count = len(llff_pictures(capture.folder))
+    if len(read_poses_bounds(path)) != count:
+        return False
+    warnings.warn(
+        f"{capture.folder}: {len(absent)} pictures of COLMAP's model do not exist, such as "
+        f"{absent[0]}, but {POSES_FILE} has a row for each of the {count} that do, and is read "
+        "instead. capture=colmap (truth_format=colmap) reads the model.",
+        CaptureWarning,
+        stacklevel=3,
+    )
+    return True
 
 
 def _warn_of_trained_tests(capture: Capture) -> None:
@@ -144,12 +167,12 @@ def _warn_of_trained_tests(capture: Capture) -> None:
 def format_of(folder: Path | str) -> str:
     """Name of the format of a capture folder, by its files.
 
-    JSON files come first (a model of COLMAP beside them is what they were made from), then
-    poses_bounds.npy with videos, then COLMAP, then poses_bounds.npy with pictures, then the XML
-    file of Metashape.
+    JSON files come first (a model of COLMAP beside them is what they were made from; those of
+    splits before one of all frames, with a warning), then poses_bounds.npy with videos, then
+    COLMAP, then poses_bounds.npy with pictures, then the XML file of Metashape.
 
     Raises:
-        CaptureError: the folder holds JSON files of two formats, or files of no format.
+        CaptureError: the folder holds files of no format.
         FileNotFoundError: the folder does not exist.
     """
     folder = Path(folder)
@@ -158,13 +181,25 @@ def format_of(folder: Path | str) -> str:
     if not folder.is_dir():
         raise FileNotFoundError(f"{folder}: the capture folder does not exist.")
     found = _format(folder)
+    if found == "splits" and (folder / PINHOLE_FILE).is_file():
+        warnings.warn(
+            f"{folder}: holds {PINHOLE_FILE} and {SPLIT_FILES['train']}, of which the latter is "
+            "read, with those of other splits. capture=paired (truth_format=paired) reads the "
+            "former.",
+            CaptureWarning,
+            stacklevel=3,
+        )
     if found is not None:
         return found
     if (folder / _EASY_FILE).is_file():
+        inner = [path for path in _folders_in(folder) if any(map(_is_folder, path.iterdir()))]
+        place = next(
+            (path for path in inner if path.name == "images"), next(iter(inner), folder / "images")
+        )
         raise CaptureError(
             f"{folder}: the layout of EasyMocap and EasyVolcap ({_EASY_FILE}) is no capture "
-            f"yet: `gaussray prepare videos={folder}/images poses.calibration={folder} out=DIR` "
-            "makes one."
+            f"yet: `gaussray prepare videos={place} poses.calibration={folder} out=OUT` makes one. "
+            "The folder must hold a folder or a video of each camera, by the camera's name."
         )
     needs = "; ".join(f"{name} needs {what}" for name, what in FORMAT_FILES.items())
     inner = [str(path) for path in _folders_in(folder) if _format(path) is not None][:3]
@@ -174,6 +209,10 @@ def format_of(folder: Path | str) -> str:
         f"{remedy}; `gaussray prepare` makes a capture of videos or photographs, with calibrations "
         "of other tools (poses.calibration), too."
     )
+
+
+def _is_folder(path: Path) -> bool:
+    return path.is_dir()
 
 
 def _folders_in(folder: Path) -> list[Path]:
@@ -187,11 +226,6 @@ def _format(folder: Path) -> str | None:
     """Name of the format of an existing folder; None if it has the files of none."""
     paired = (folder / PINHOLE_FILE).is_file()
     split = [n for n in (*SPLIT_FILES.values(), VALIDATION_FILE) if (folder / n).is_file()]
-    if paired and split:
-        raise CaptureError(
-            f"{folder}: capture.format (truth_format) must be given for a folder that holds both "
-            f"{PINHOLE_FILE} and {split[0]}, got auto. Choose one of {', '.join(FORMATS)}."
-        )
     if split:
         return "splits"
     if not paired and (folder / META_FILES["train"]).is_file():

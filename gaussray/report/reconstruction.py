@@ -8,7 +8,7 @@ import numpy as np
 from gaussray.report.chart import Curve, chart
 from gaussray.report.markup import Markup, tag
 from gaussray.report.page import Section, html_table, note
-from gaussray.report.run import duration, json_lines
+from gaussray.report.run import duration, json_document, json_lines
 
 
 # Keys of metrics.jsonl that are not terms of the loss.
@@ -56,9 +56,15 @@ def stage_durations(out: Path) -> list[tuple[str, str]]:
     return [(name, duration(max(x[-1] - x[0], 0.0))) for name, x in durations.items() if len(x) > 1]
 
 
-def last_psnr(out: Path) -> float | None:
-    """PSNR of the training rays in the last block of steps, in dB; None without a log."""
-    log = json_lines(out / "metrics.jsonl")
+def training_psnr(out: Path) -> float | None:
+    """PSNR of training rays in dB: of those that were drawn evenly of all pictures after the fit,
+    the mean of all segments; before that, of the last block of steps, whose rays are drawn where
+    errors are large. None without a log."""
+    report, log = json_document(out / "requirement.json"), json_lines(out / "metrics.jsonl")
+    parts = [part.get("after", part) for part in report.get("segments", [report])]
+    measured = [part["psnr"] for part in parts if part.get("psnr") is not None]
+    if measured:
+        return sum(measured) / len(measured)
     return log[-1]["psnr"] if log else None
 
 

@@ -176,7 +176,7 @@ def _picture_counts(groups: dict[str, list[View]]) -> list[tuple[str, str, str]]
 def _summary(out: Path) -> Section:
     """The most important figures of a run."""
     report, tiles = json_document(out / "report.json"), []
-    psnr = reconstruction.last_psnr(out)
+    psnr = reconstruction.training_psnr(out)
     for name, row in list(report.get("effects", {}).items())[:4]:
         if row.get("psnr") is not None:
             tiles.append((name.replace("_", " "), f"{row['psnr']:.2f}", "dB"))

@@ -89,6 +89,8 @@ def test_a_folder_around_a_capture_tells_where_it_is(folder):
 def test_pictures_that_lie_elsewhere_are_found_for_the_message(folder):
     lost = {**FRAME, "file_path": "images/0.png"}
     lay(folder, "transforms.json", {**PAIRED, "split": "train", "frames": [lost]})
+    (folder / "other").mkdir()
+    (folder / "other" / "0.png").write_bytes((folder / "0.png").read_bytes())
     with pytest.raises(CaptureError, match=r"A file of this name is .*0\.png\. Copy the pictures"):
         open_capture(folder)
 
@@ -129,12 +131,39 @@ def test_what_a_capture_was_made_of_may_lie_beside_it(folder):
     assert format_of(folder) == "splits"
 
 
-def test_a_folder_of_both_formats_must_be_told_which(folder):
+def test_splits_are_read_before_the_file_of_all_frames(folder):
     lay(folder, "transforms.json", {**PAIRED, "split": "test"})
-    lay(folder, "transforms_train.json", SPLIT)
-    with pytest.raises(CaptureError, match="holds both transforms.json and transforms_train.json"):
+    lay(folder, "transforms_train.json", {**SPLIT, "split": "train"})
+    with pytest.warns(CaptureWarning, match="of which the latter is read.*capture=paired"):
+        assert open_capture(folder).views[0].split == "train"
+    assert open_capture(folder, "paired").views[0].split == "test"
+
+
+@pytest.mark.filterwarnings("ignore:.*is taken as static", "ignore:.*each 8th of 2 is held out")
+def test_poses_of_all_pictures_are_read_before_a_model_of_pictures_that_were_renamed(folder):
+    (folder / "images").mkdir()
+    for name in ("1.png", "2.png"):
+        write_image(folder / "images" / name, np.full((12, 16, 3), 128, np.uint8))
+    (folder / "cameras.txt").write_text("1 PINHOLE 16 12 20 20 8 6\n")
+    registered = (
+        f"{k + 1} 1 0 0 0 {k} 0 0 1 {name}\n\n" for k, name in enumerate(("0.png", "2.png"))
+    )
+    (folder / "images.txt").write_text("".join(registered))
+    row = [0, 1, 0, 0, 12, -1, 0, 0, 1, 16, 0, 0, 1, 0, 20, 1, 9]
+    np.save(folder / "poses_bounds.npy", np.array([row, row], float))
+    with pytest.warns(CaptureWarning, match="1 pictures of COLMAP's model do not exist.*0.png"):
+        capture = open_capture(folder)
+    assert [view.image.name for view in capture.views] == ["1.png", "2.png"]
+    np.save(folder / "poses_bounds.npy", np.array([row, row, row], float))
+    with pytest.warns(CaptureWarning, match="1 of 2 frames have no picture"):
+        assert [view.image.name for view in open_capture(folder).views] == ["2.png"]
+
+
+def test_easymocap_names_the_folder_of_its_cameras(folder):
+    (folder / "intri.yml").write_text("")
+    (folder / "videos" / "01").mkdir(parents=True)
+    with pytest.raises(CaptureError, match=r"prepare videos=.*/videos poses.calibration="):
         open_capture(folder)
-    assert open_capture(folder, "splits").views[0].split == "train"
 
 
 def test_a_folder_of_no_format_is_told_what_each_needs(folder):

@@ -46,10 +46,20 @@ def test_what_was_tried_is_listed_with_its_loss():
     assert reconstruction.pruning({"precision": "full"}) is None
 
 
+def test_the_headline_is_what_was_measured_after_the_fit(out):
+    assert reconstruction.training_psnr(out) == json_lines(out / "metrics.jsonl")[-1]["psnr"]
+    measured = out / "requirement.json"
+    measured.write_text('{"psnr": 30.5, "one_color": 12.0}')
+    assert reconstruction.training_psnr(out) == 30.5
+    parts = [{"before": {"psnr": 9.0}, "after": {"psnr": 30.0}}, {"after": {"psnr": 31.0}}]
+    measured.write_text(json.dumps({"segments": parts}))
+    assert reconstruction.training_psnr(out) == 30.5
+
+
 def test_a_run_that_left_little_has_what_there_is(tmp_path):
     assert (
         reconstruction.training_curves(tmp_path) is None
-        and reconstruction.last_psnr(tmp_path) is None
+        and reconstruction.training_psnr(tmp_path) is None
     )
     assert "There is no config.yaml." in "".join(map(str, how_to_reproduce(tmp_path, []).body))
 

@@ -60,7 +60,8 @@ class Pinhole(ParametricLens):
 
     fold_message: ClassVar[tuple[str, str]] = (
         "lens.distortion",
-        "Use weaker coefficients or a smaller picture.",
+        "Coefficients so strong belong to another lens or size of picture, or were never right: "
+        "correct them. `gaussray prepare` finds those of photographs and videos.",
     )
     fills_picture: ClassVar[bool] = True
 

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from gaussray.capture.formats.json_keys import Keys
+from gaussray.capture.formats.picture_places import PICTURE_SUFFIXES, with_found_pictures
 from gaussray.capture.picture_file import picture_exists, picture_size
 from gaussray.capture.videos import frame_of
+from gaussray.io.safe.files import same_name_hint
 
 
-# Suffixes that are tried, in this order, where `file_path` has none.
-PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg")
 KNOWN_SUFFIXES = {*PICTURE_SUFFIXES, ".exr", ".tif", ".tiff", ".bmp", ".webp"}
 
 
@@ -22,15 +22,34 @@ def completed(frames: list[Keys]) -> list[Keys]:
 
     `w` and `h` are those of the first picture that exists (only its header is read), `fl_x` =
     w / (2 tan(camera_angle_x / 2)), `fl_y` = `fl_x` (square pixels), and the optical axis meets the
-    picture's centre. A matrix `K` gives all four. Keys that a frame has stay as they are.
+    picture's centre. A matrix `K` gives all four. Keys that a frame has stay as they are, but paths
+    of pictures that lie elsewhere (`picture_places.with_found_pictures`).
     """
-    named = [_with_matrix(_with_picture(frame)) for frame in frames]
+    named = [_with_matrix(_with_picture(frame)) for frame in with_found_pictures(frames)]
     sized = all(frame.has(key) for frame in named for key in ("w", "h"))
     size = None if sized else first_size(named)
+    if not sized and size is None:
+        _check_some_exists(named)
     return [
         dataclasses.replace(frame, values={**frame.values, **_intrinsics(frame, size)})
         for frame in named
     ]
+
+
+def _check_some_exists(frames: list[Keys]) -> None:
+    """Refuse frames that name no size, if none has a picture to take it from.
+
+    Raises:
+        FileNotFoundError: there is none; the message names the first.
+    """
+    first = next((f for f in frames if not (f.has("w") or f.has("h"))), None)
+    if first is not None and first.has("file_path"):
+        name, folder = first.text("file_path"), first.file.parent
+        raise FileNotFoundError(
+            f"{first.where}: file_path must name a picture, got {name!r}: neither it nor another "
+            f"frame's picture is in {folder}.{same_name_hint(folder, name)} Copy the pictures "
+            "there, or correct the paths."
+        )
 
 
 def first_size(frames: list[Keys]) -> tuple[int, int] | None:

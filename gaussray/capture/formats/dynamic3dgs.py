@@ -101,7 +101,11 @@ def _frame(path: Path, number: int, row: tuple[Any, ...], values: dict[str, Any]
         raise keys.error("w2c", "an invertible 4 x 4 matrix") from None
     if np.linalg.det(world_from_camera[:3, :3]) < 0:
         rule = "a world-to-camera matrix without reflection"
-        remedy = "Its determinant is -1, so it mirrors; that of a rotation is +1."
+        remedy = (
+            "Its determinant is -1, so it mirrors; that of a rotation is +1. If all have it, the "
+            "world is left-handed: negate the third column of each w2c, and z of the points. If "
+            "pictures do not fit then, the matrices may be camera-to-world: invert them first."
+        )
         raise keys.error("w2c", rule, remedy)
     # OpenGL's camera axes, which a transform_matrix has.
     world_from_camera[:3, :3] *= np.array(BLENDER_AXES)

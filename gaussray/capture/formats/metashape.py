@@ -18,6 +18,7 @@ from gaussray.capture.capture import Capture
 from gaussray.capture.errors import CaptureError
 from gaussray.capture.formats.completion import KNOWN_SUFFIXES
 from gaussray.capture.formats.json_keys import Keys
+from gaussray.capture.formats.rig import film_of, rig_capture
 from gaussray.capture.formats.transforms import views_of
 from gaussray.geometry import BLENDER_AXES
 from gaussray.io.safe.files import parse_xml, read_text
@@ -46,13 +47,15 @@ def metashape_file(folder: Path) -> Path | None:
 
 
 def read_metashape(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
-    """The photographs of an exported XML file, as a still scene.
+    """The photographs of an exported XML file, as a still scene; or the films of its cameras.
 
     Cameras stay where Metashape's chunk has them: its transform into a geographic world (often
     millions of metres from its origin) is not applied, so that the scale is arbitrary. Cameras
     that were not aligned are left out, and of several components all but the largest, with a
     warning. The pictures lie in `images/` and its folders or beside the file, by the cameras'
-    labels. None is held out, and points are not read.
+    labels. Where a label, with or without its suffix, is the name of a folder of pictures or of a
+    video (`images/cam01/`, `cam01.mp4`), the cameras stand still and these are what they film, all
+    pictures of one number at one time. None is held out, and points are not read.
 
     Args:
         folder: the folder with the XML file.
@@ -66,8 +69,11 @@ def read_metashape(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Captur
     path = metashape_file(folder)
     if path is None:
         raise FileNotFoundError(f"{folder}: no XML file lists cameras of Metashape. {_REMEDY}")
-    frames = metashape_frames(path, _pictures(folder))
-    views = views_of(Keys(path, {}), frames, dtype)
+    frames, top = metashape_frames(path, _pictures(folder)), Keys(path, {})
+    films = {frame.text("camera"): film_of(top, frame.text("camera")) for frame in frames}
+    if any(films.values()):
+        return rig_capture(top, frames, films, dtype)
+    views = views_of(top, frames, dtype)
     return Capture(folder, views, {}, None, (0.0, 0.0), "normalised")
 
 

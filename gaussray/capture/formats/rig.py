@@ -14,6 +14,7 @@ from gaussray.capture.errors import CaptureError
 from gaussray.capture.formats.completion import KNOWN_SUFFIXES
 from gaussray.capture.formats.json_keys import Keys
 from gaussray.capture.formats.transforms import points_of, views_in_time, views_of
+from gaussray.capture.videos import VIDEO_SUFFIXES, frame_path, read_video
 from gaussray.io.safe.limits import within
 
 
@@ -38,6 +39,46 @@ def numbered_pictures(folder: Path, paths: Iterable[Path], name: str) -> dict[st
         if match and path.suffix.lower() in KNOWN_SUFFIXES:
             found.setdefault(match["camera"], {}).setdefault(int(match["number"]), inside)
     return found
+
+
+def film_of(top: Keys, name: str) -> dict[int, str]:
+    """The pictures of one camera, in a folder of its name, or the frames of a video of its name, in
+    the capture's folder, its `images/` or its `videos/`; none if there are fewer than two.
+
+    Args:
+        top: the file that lists the cameras, in the capture's folder.
+        name: name of the camera.
+
+    Returns:
+        Paths relative to the capture, by the last number in their names; by their order where
+        these are not all different.
+
+    Raises:
+        CaptureError: the name leads out of the folder.
+        OSError: the video is damaged.
+    """
+    home = top.file.parent
+    Keys(top.file, {"camera": name}).inside("camera")
+    places = [home, home / "images", home / "videos"]
+    for folder in (place / name for place in places):
+        paths = sorted(folder.glob("*"), key=_counted)
+        paths = [path for path in paths if path.suffix.lower() in KNOWN_SUFFIXES]
+        if len(paths) > 1:
+            numbers = [int(([0, *re.findall(r"\d+", path.stem)])[-1]) for path in paths]
+            distinct = len(set(numbers)) == len(paths)
+            inside = [path.relative_to(home).as_posix() for path in paths]
+            return dict(zip(numbers if distinct else range(len(paths)), inside, strict=True))
+    for path in (place / f"{name}{suffix}" for place in places for suffix in VIDEO_SUFFIXES):
+        if path.is_file():
+            frames = range(read_video(path).frames)
+            return {i: frame_path(path, i).relative_to(home).as_posix() for i in frames}
+    return {}
+
+
+def _counted(path: Path) -> list[str | int]:
+    """A key that sorts names by the numbers in them."""
+    parts = re.split(r"(\d+)", path.name)
+    return [int(part) if k % 2 else part for k, part in enumerate(parts)]
 
 
 def rig_capture(

@@ -30,12 +30,13 @@ _PIXELS, _DETAILS = 70_000, 600
 _ALIKE = 0.8
 # A match is believed if the second best is this much worse (Lowe's ratio).
 _RATIO = 0.8
-# Matches of all pairs below which nothing is said.
-_FEWEST = 40
-# Pixels of the reduced pictures off their lines, in the median: from the first on poses are wrong.
-# Where other axes explain the matches to less than the third, and so many times as well, the second
-# is enough. Wrong matches, and lenses that are a little off, cost less.
-_WRONG, _DOUBTED, _RIGHT, _BETTER = 4.0, 1.5, 1.0, 5.0
+# Pixels of the reduced pictures off their lines, in the median, from which on poses are wrong, by
+# the least number of matches: few may be wrong themselves, many are not. Wrong matches, and lenses
+# that are a little off, cost less.
+_WRONG = ((15, 10.0), (40, 4.0), (150, 1.5))
+# Where other axes explain so many matches to less than the third, and so many times as well, poses
+# that are this far off are wrong.
+_FEWEST, _DOUBTED, _RIGHT, _BETTER = 40, 1.5, 1.0, 5.0
 _FLIP = np.diag(BLENDER_AXES)
 
 # What the poses of a file may be instead, and what to do about it.
@@ -74,7 +75,8 @@ class PoseCheck(NamedTuple):
     @property
     def sentence(self) -> str:
         """What is wrong; empty if nothing is, or if there are too few matches to tell."""
-        if self.matches < _FEWEST or not (self.reading or self.error > _WRONG):
+        wrong = any(self.matches >= least and self.error > most for least, most in _WRONG)
+        if not (self.reading or wrong):
             return ""
         text = (
             "pictures and poses do not fit together: details that neighbouring pictures share lie "

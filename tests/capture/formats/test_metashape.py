@@ -196,3 +196,25 @@ def test_entities_and_several_chunks_are_refused(folder):
     path.unlink()
     with pytest.raises(FileNotFoundError, match="Export Cameras"):
         read_metashape(folder)
+
+
+def test_cameras_whose_labels_are_folders_film_what_is_in_them(tmp_path):
+    lay(tmp_path, camera("1") + camera("cam2.jpg"))
+    for name in ("1", "cam2"):
+        for number in (9, 10, 11)[: 3 if name == "1" else 2]:
+            path = tmp_path / "images" / name / f"f_{number}.png"
+            path.parent.mkdir(exist_ok=True, parents=True)
+            write_image(path, np.full((H, W, 3), number, np.uint8))
+    capture = open_capture(tmp_path)
+    shown = {(view.camera_name, round(3 * view.time)): view.image.name for view in capture.views}
+    first = {("1", k): f"f_{9 + k}.png" for k in range(3)}
+    assert shown == {**first, ("cam2", 0): "f_9.png", ("cam2", 1): "f_10.png"}
+    poses = np.array([view.camera.trajectory.translation[0] for view in capture.views])
+    np.testing.assert_allclose(poses, np.tile(POSE[:3, 3], (5, 1)), rtol=1e-6)
+
+
+def test_a_label_must_not_lead_out_of_the_folder(tmp_path):
+    (tmp_path / "in").mkdir()
+    lay(tmp_path / "in", camera("../1"))
+    with pytest.raises(CaptureError, match="must name a file in|have no picture"):
+        open_capture(tmp_path / "in")

@@ -10,7 +10,12 @@ from gaussray.capture.errors import CaptureWarning
 from gaussray.capture.open import open_capture
 from gaussray.dataset.images import write_image
 from gaussray.reconstruct.checks import pose_check as checked
-from gaussray.reconstruct.checks.pose_check import REMEDIES, pose_check, warn_of_wrong_poses
+from gaussray.reconstruct.checks.pose_check import (
+    REMEDIES,
+    PoseCheck,
+    pose_check,
+    warn_of_wrong_poses,
+)
 from gaussray.reconstruct.data.pictures import footage
 from gaussray.reconstruct.data.segments import training_views
 
@@ -111,3 +116,21 @@ def test_nothing_is_said_of_pictures_without_details(shown, monkeypatch):
     monkeypatch.setattr(checked, "_DETAILS", 6)
     found = pose_check(shown("few", WRITTEN["opencv"]))
     assert found.matches < checked._FEWEST and found.sentence == ""
+
+
+@pytest.mark.parametrize(
+    ("matches", "error", "wrong"),
+    [
+        *((14, 40.0, False), (15, 9.0, False), (15, 11.0, True)),
+        *(
+            (40, 3.9, False),
+            (40, 4.1, True),
+            (149, 2.2, False),
+            (150, 2.2, True),
+            (900, 1.4, False),
+        ),
+    ],
+)
+def test_the_more_details_match_the_less_they_may_be_off(matches, error, wrong):
+    found = PoseCheck(matches, error, dict.fromkeys(REMEDIES, error))
+    assert bool(found.sentence) == wrong

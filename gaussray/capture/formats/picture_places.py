@@ -1,0 +1,114 @@
+"""Pictures that lie elsewhere than a JSON file says: the folder was moved, or written on another
+computer."""
+
+import dataclasses
+import glob
+import re
+from pathlib import Path, PurePosixPath
+
+from gaussray.capture.formats.json_keys import Keys
+from gaussray.capture.picture_file import picture_exists
+
+
+# Suffixes that are tried, in this order, where `file_path` has none.
+PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg")
+# Folders between that of the JSON file and a picture's path, at most.
+_PLACES = ("", "*/", "*/*/")
+# Share of the pictures that must be found in another place.
+_MOST = 0.5
+_NAMED = ("file_path", "mask_path", "depth_file_path")
+# Folders whose pictures often have the same names, but are others.
+_SPLITS = {"train", "test", "val"}
+
+
+def with_found_pictures(frames: list[Keys]) -> list[Keys]:
+    """The frames, with the paths at which their pictures are where none is where `file_path` says.
+
+    A folder at the beginning of all paths is left out or replaced by one in the folder of the JSON
+    file: of the places where most pictures are found, the one that keeps most of the paths. Nothing
+    is changed where several keep as much, and pictures of one split are not taken for those of
+    another. A warning tells what was changed.
+
+    Args:
+        frames: the frames of one JSON file.
+    """
+    named = [frame for frame in frames if isinstance(frame.values.get("file_path"), str)]
+    names = [_parts(frame.values["file_path"]) for frame in named]
+    if not any(names) or any(map(_is_where_it_says, named)):
+        return frames
+    folder, first = named[0].file.parent, next(filter(None, names))
+    for kept in range(len(first), 0, -1):
+        before = first[: len(first) - kept]
+        places = {
+            place: sum(_exists(folder, _moved(name, before, place)) for name in names)
+            for place in _places_of(folder, first[-kept:])
+            if not (_SPLITS.intersection(before[-1:]) and _SPLITS.intersection(place[-1:]))
+        }
+        best = max(places.values(), default=0)
+        found = [place for place, count in places.items() if count == best]
+        if best >= max(_MOST * len(names), 1):
+            if len(found) > 1:
+                return frames
+            named[0].warn(
+                f"no picture is where file_path says. {best} of {len(names)} are found if "
+                f"{_change(before, found[0])}, and are read there."
+            )
+            return [_with_paths(frame, before, found[0]) for frame in frames]
+    return frames
+
+
+def _parts(name: str) -> tuple[str, ...]:
+    """The folders and the name of a path of any system, without a drive and steps upwards."""
+    path = PurePosixPath(re.sub(r"^[A-Za-z]:", "", name.replace("\\", "/")))
+    return tuple(part for part in path.parts if part not in ("/", "//", ".."))
+
+
+def _is_where_it_says(frame: Keys) -> bool:
+    path = frame.file.parent / frame.values["file_path"].replace("\\", "/")
+    try:
+        return any(picture_exists(Path(f"{path}{suffix}")) for suffix in ("", *PICTURE_SUFFIXES))
+    except (OSError, ValueError):
+        return False
+
+
+def _exists(folder: Path, parts: tuple[str, ...]) -> bool:
+    if not parts:
+        return False
+    path = folder.joinpath(*parts)
+    return any(picture_exists(Path(f"{path}{suffix}")) for suffix in ("", *PICTURE_SUFFIXES))
+
+
+def _places_of(folder: Path, path: tuple[str, ...]) -> set[tuple[str, ...]]:
+    """The folders, relative to this one, in which there is such a file."""
+    name = glob.escape("/".join(path))
+    return {
+        file.relative_to(folder).parts[: -len(path)]
+        for place in _PLACES
+        for suffix in ("", *PICTURE_SUFFIXES)
+        for file in folder.glob(f"{place}{name}{suffix}")
+        if file.is_file()
+    }
+
+
+def _moved(
+    name: tuple[str, ...], before: tuple[str, ...], place: tuple[str, ...]
+) -> tuple[str, ...]:
+    """A path with another folder in place of the one it begins with; none if it does not."""
+    return (*place, *name[len(before) :]) if name[: len(before)] == before else ()
+
+
+def _change(before: tuple[str, ...], place: tuple[str, ...]) -> str:
+    """What must be done to a path that begins with one folder, for another."""
+    old, new = ("/".join(parts) + "/" for parts in (before, place))
+    if not before:
+        return f"{new} is put before it"
+    return f"it begins with {new} instead of {old}" if place else f"its beginning {old} is left out"
+
+
+def _with_paths(frame: Keys, before: tuple[str, ...], place: tuple[str, ...]) -> Keys:
+    paths = {}
+    for key in _NAMED:
+        if isinstance(frame.values.get(key), str):
+            moved = _moved(_parts(frame.values[key]), before, place)
+            paths |= {key: "/".join(moved)} if moved else {}
+    return dataclasses.replace(frame, values={**frame.values, **paths})

@@ -1,0 +1,95 @@
+"""Pictures are found where they are, if all paths of a file begin with another folder."""
+
+import json
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gaussray.capture.errors import CaptureWarning
+from gaussray.capture.open import open_capture
+from gaussray.dataset.images import write_image
+
+
+POSE = np.eye(4).tolist()
+
+
+def folder_of(tmp_path, listed, stored):
+    """A capture whose file lists some paths, with pictures at others."""
+    given = {"transform_matrix": POSE, "time": 0.0, "split": "train"}
+    frames = [{"file_path": name, "camera": f"c{k}", **given} for k, name in enumerate(listed)]
+    intrinsics = {"fl_x": 20.0, "fl_y": 20.0, "cx": 8.0, "cy": 6.0}
+    (tmp_path / "transforms.json").write_text(json.dumps({**intrinsics, "frames": frames}))
+    for name in stored:
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        write_image(tmp_path / name, np.zeros((12, 16, 3), np.uint8))
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("listed", "stored", "change"),
+    [
+        ("data/phone/images/{}.png", "images/{}.png", "its beginning data/phone/ is left out"),
+        ("/home/one/in/images/{}.png", "images/{}.png", "its beginning home/one/in/ is left out"),
+        ("C:\\users\\one\\{}.png", "pictures/{}.png", "begins with pictures/ instead of users/one"),
+        ("../raw/{}", "images/{}.png", "it begins with images/ instead of raw/"),
+        ("{}.png", "colmap/images/{}.png", "colmap/images/ is put before it"),
+    ],
+)
+def test_one_folder_at_the_beginning_of_all_paths_is_changed(tmp_path, listed, stored, change):
+    names = [f"{k:04d}" for k in range(4)]
+    folder = folder_of(tmp_path, map(listed.format, names), map(stored.format, names))
+    with pytest.warns(CaptureWarning, match=f"4 of 4 are found if .*{change}"):
+        capture = open_capture(folder)
+    assert [view.image for view in capture.views] == [tmp_path / stored.format(n) for n in names]
+    assert capture.views[0].width == 16
+
+
+def test_of_several_places_the_one_that_keeps_most_of_the_path_counts(tmp_path):
+    stored = ["train/a.png", "train/b.png", "small/a.png", "small/b.png"]
+    folder = folder_of(tmp_path, ["old/train/a.png", "old/train/b.png"], stored)
+    with pytest.warns(CaptureWarning, match="old/ is left out"):
+        capture = open_capture(folder)
+    assert capture.views[1].image == tmp_path / "train/b.png"
+
+
+def test_where_several_places_are_as_good_nothing_is_changed(tmp_path):
+    folder = folder_of(tmp_path, ["a.png"], ["images/a.png", "images_2/a.png"])
+    with pytest.raises(
+        FileNotFoundError, match="must name a picture.*A file of this name is .*a.png"
+    ):
+        open_capture(folder)
+
+
+def test_pictures_of_one_split_are_not_taken_for_those_of_another(tmp_path):
+    folder = folder_of(tmp_path, ["test/a.png"], ["train/a.png"])
+    with pytest.raises(FileNotFoundError, match="must name a picture"):
+        open_capture(folder)
+
+
+def test_where_one_picture_is_where_the_file_says_others_are_just_missing(tmp_path):
+    folder = folder_of(tmp_path, ["in/a.png", "in/b.png"], ["in/a.png", "b.png"])
+    with pytest.warns(CaptureWarning) as told:
+        capture = open_capture(folder)
+    assert [view.image.name for view in capture.views] == ["a.png"]
+    assert "1 of 2 frames have no picture" in str(told[0].message)
+
+
+def test_masks_move_with_their_pictures(tmp_path):
+    folder = folder_of(tmp_path, ["x/images/a.png"], ["images/a.png", "masks/a.png"])
+    content = json.loads((folder / "transforms.json").read_text())
+    content["frames"][0]["mask_path"] = "x/masks/a.png"
+    (folder / "transforms.json").write_text(json.dumps(content))
+    with pytest.warns(CaptureWarning, match="x/ is left out"):
+        capture = open_capture(folder)
+    assert capture.views[0].mask == tmp_path / "masks/a.png"
+
+
+def test_a_file_beside_that_has_another_name_is_not_taken(tmp_path):
+    folder = folder_of(tmp_path, [f"in/{k}.png" for k in range(5)], ["out/0.png", "out/1.png"])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(FileNotFoundError, match="must name a picture"):
+            open_capture(folder)
+    assert Path(folder / "out/0.png").is_file()
