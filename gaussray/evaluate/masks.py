@@ -1,6 +1,7 @@
 """Masks of the pixels that an evaluation scores: visible, moving, static."""
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,6 +20,8 @@ from gaussray.capture.temporal_median import differs, temporal_median
 # Pictures of a viewpoint of which the median is taken, at most: those of a long video take
 # gigabytes.
 _MOST = 100
+# Bytes of pictures of several viewpoints that are held at once, about.
+_BYTES = 1e9
 
 
 def view_levels(view: View) -> UInt8[np.ndarray, "h w 3"]:
@@ -77,6 +80,22 @@ class MotionMasks:
             self._places.setdefault(view.camera_name, set()).add(place)
         self._found: dict[int, _Still] = {}
 
+    def find(self, views: Sequence[View], threads: ThreadPoolExecutor) -> None:
+        """Find the medians of the viewpoints of some views, several at a time.
+
+        Args:
+            views: some of the views.
+            threads: look at a viewpoint each.
+        """
+        places = dict.fromkeys(self._group[view.image] for view in views)
+        missing = [p for p in places if p not in self._found and len(self._views[p]) > 1]
+        first = self._views[missing[0]] if missing else []
+        size = sum(3 * view.width * view.height for view in first[:_MOST])
+        step = int(max(_BYTES // max(size, 1), 1))
+        for begin in range(0, len(missing), step):
+            some = missing[begin : begin + step]
+            self._found |= zip(some, threads.map(self._median_of, some), strict=True)
+
     def moving(
         self, view: View, picture: UInt8[np.ndarray, "h w 3"]
     ) -> Bool[np.ndarray, "h w"] | None:
@@ -101,17 +120,19 @@ class MotionMasks:
 
     def _still(self, view: View) -> "_Still | None":
         place = self._group[view.image]
-        group = self._views[place]
-        if place not in self._found and len(group) > 1:
-            some = np.linspace(0, len(group) - 1, min(len(group), _MOST)).round().astype(int)
-            pictures = np.stack([view_levels(group[i]) for i in some])
-            # Medians of levels are multiples of one half.
-            median = temporal_median(pictures).astype(np.float16)
-            moves = np.zeros(median.shape[:2], bool)
-            for picture in pictures:
-                moves |= differs(picture, median, 255)
-            self._found[place] = _Still(median, ~moves)
+        if place not in self._found and len(self._views[place]) > 1:
+            self._found[place] = self._median_of(place)
         return self._found.get(place)
+
+    def _median_of(self, place: int) -> "_Still":
+        group = self._views[place]
+        some = np.linspace(0, len(group) - 1, min(len(group), _MOST)).round().astype(int)
+        pictures = np.stack([view_levels(group[i]) for i in some])
+        # Medians of levels are multiples of one half.
+        median = temporal_median(pictures).astype(np.float16)
+        # What no picture exceeds, the lowest and the highest levels of all do not.
+        ends = pictures.min(axis=0), pictures.max(axis=0)
+        return _Still(median, ~(differs(ends[0], median, 255) | differs(ends[1], median, 255)))
 
 
 class _Still(NamedTuple):

@@ -2,9 +2,12 @@
 
 import dataclasses
 import json
-from collections.abc import Sequence
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -22,8 +25,9 @@ from gaussray.evaluate.options import EvaluateOptions as EvaluateOptions
 from gaussray.evaluate.perceptual import perceptual_metrics
 from gaussray.evaluate.scores import summary
 from gaussray.io.atomic import demand, sweep, whole, write_json
+from gaussray.render.frame import Frame
 from gaussray.render.renderer import Renderer, RenderOptions
-from gaussray.runtime.devices import agreed, leads
+from gaussray.runtime.devices import agreed, cores, leads
 from gaussray.runtime.lock import locks_output
 from gaussray.runtime.progress import Progress
 from gaussray.runtime.provenance import versions
@@ -34,6 +38,8 @@ from gaussray.tracer.trace import TraceOptions
 
 # The scores of every picture, one line each.
 SCORES = "scores.jsonl"
+# Pictures that are rendered before they are scored, at most, and seconds after which no more are.
+_AT_ONCE, _SECONDS = 16, 2.0
 
 
 @locks_output
@@ -112,6 +118,16 @@ def _chosen_views(
     return chosen
 
 
+class _Scored(NamedTuple):
+    """A picture's scores, the truth and the rendering in 8-bit levels, and the pixels inside the
+    lens's field of view (None: all)."""
+
+    row: dict[str, Any]
+    real: UInt8[np.ndarray, "h w 3"]
+    ours: UInt8[np.ndarray, "h w 3"]
+    visible: Bool[np.ndarray, "h w"] | None
+
+
 class _Evaluation:
     """Scores pictures one after another, and collects what the report shows."""
 
@@ -142,22 +158,14 @@ class _Evaluation:
         pixels, flicker = MotionMasks(every_view), Flicker()
         rows: list[dict[str, Any]] = []
         films: dict[str, list[Path]] = {}
-        for view in views:
-            frame = renderer(view.camera)
-            ours, real, visible = (
-                srgb_levels(frame.color),
-                view_levels(view),
-                visible_mask(view.camera),
-            )
-            row = _score(real, ours, visible, pixels.moving(view, real))
-            row |= {name: measure(real, ours) for name, measure in self.perceptual.items()}
-            row["seconds"] = None if frame.compiled else frame.seconds
-            row["part"] = _part(view, self.trained)
+
+        def add(view: View, scored: _Scored) -> None:
+            row, real, ours = scored.row, scored.real, scored.ours
             rows.append(row)
             self.lines.append(_line(effect, view, row))
             static = pixels.static(view)
             if static is not None:
-                mask = static & (True if visible is None else visible)
+                mask = static & (True if scored.visible is None else scored.visible)
                 flicker.add(row["part"], view.camera_name, mask, real, ours)
             if self.options.images:
                 file = self._write_image(f"{effect}/{_file(view)}", real, ours)
@@ -167,12 +175,31 @@ class _Evaluation:
                 self.sheet.append((effect, [real, ours, difference]))
             mean = np.mean([row["psnr"] for row in rows])
             self.progress.report(len(self.lines), f"{effect} {mean:.2f} dB")
+
+        # Pictures are rendered while nothing else runs, for their times are measured; then they are
+        # scored side by side.
+        with ThreadPoolExecutor(cores(), "evaluate") as threads:
+            for some, frames in _rendered(views, renderer):
+                pixels.find(some, threads)
+                score = partial(self._scored, pixels)
+                for view, scored in zip(some, threads.map(score, some, frames), strict=True):
+                    add(view, scored)
         demand(self.out, self.written)
         for camera, files in films.items():
             self.written.append(f"{effect}/{camera}.mp4")
             write_video(self.out / self.written[-1], map(_truth_and_ours, files), fps=8)
         self.report["effects"][effect] = summary(rows, self.options.samples(effect), flicker)
         self.report["frames"] += len(views)
+
+    def _scored(self, pixels: MotionMasks, view: View, frame: Frame) -> "_Scored":
+        """A picture's scores."""
+        ours, real = srgb_levels(frame.color), view_levels(view)
+        visible = visible_mask(view.camera)
+        row = _score(real, ours, visible, pixels.moving(view, real))
+        row |= {name: measure(real, ours) for name, measure in self.perceptual.items()}
+        row["seconds"] = None if frame.compiled else frame.seconds
+        row["part"] = _part(view, self.trained)
+        return _Scored(row, real, ours, visible)
 
     def write(self, scene: Scene | Clip) -> dict[str, Any]:
         """Write contact sheet, scores and report, and return the report."""
@@ -189,6 +216,20 @@ class _Evaluation:
         self.written.append(name)
         write_image(self.out / name, side_by_side(real, ours))
         return self.out / name
+
+
+def _rendered(
+    views: Sequence[View], renderer: Renderer
+) -> Iterator[tuple[list[View], list[Frame]]]:
+    """The views and their pictures, as many as are rendered within some seconds."""
+    some: list[View] = []
+    frames: list[Frame] = []
+    begun = time.monotonic()
+    for k, view in enumerate(views, 1):
+        some, frames = [*some, view], [*frames, renderer(view.camera)]
+        if k == len(views) or len(some) == _AT_ONCE or time.monotonic() - begun > _SECONDS:
+            yield some, frames
+            some, frames, begun = [], [], time.monotonic()
 
 
 def _truth_and_ours(file: Path) -> UInt8[np.ndarray, "h w2 3"]:

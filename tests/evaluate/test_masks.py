@@ -1,6 +1,7 @@
 """Which pixels an evaluation takes to move, against medians by NumPy."""
 
 import json
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -55,6 +56,21 @@ def test_what_differs_from_the_median_of_its_viewpoint_moves(tmp_path):
         for view, expected in zip(own, moves, strict=True):
             np.testing.assert_array_equal(pixels.moving(view, view_levels(view)), expected)
             np.testing.assert_array_equal(pixels.static(view), ~moves.any(axis=0))
+
+
+def test_several_viewpoints_are_looked_at_together_a_part_at_a_time(tmp_path, monkeypatch):
+    views = capture_of(tmp_path, {c: film(seed) for seed, c in enumerate("abc")})
+    alone, together = MotionMasks(views), MotionMasks(views)
+    monkeypatch.setattr(masks, "_BYTES", 2.5 * film(0).nbytes)
+    asked = []
+    with ThreadPoolExecutor(2) as threads:
+        run = threads.map
+        monkeypatch.setattr(threads, "map", lambda f, some: asked.append(len(some)) or run(f, some))
+        together.find(views, threads)
+        together.find(views, threads)
+    assert asked == [2, 1]
+    for view in views:
+        np.testing.assert_array_equal(together.static(view), alone.static(view))
 
 
 def test_of_a_long_video_pictures_that_are_evenly_spread_tell(tmp_path, monkeypatch):
