@@ -38,6 +38,7 @@ def quality(width, height, samples):
     scene.cycles.max_bounces = scene.cycles.diffuse_bounces = 4
     scene.cycles.use_denoising = True
     scene.cycles.denoiser = "OPENIMAGEDENOISE"
+    scene.cycles.denoising_use_gpu = scene.cycles.device == "GPU"
 
 
 def gpu():

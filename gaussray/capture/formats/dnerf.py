@@ -40,7 +40,8 @@ def read_splits(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
 
     Raises:
         CaptureError: a file contradicts the format; the message names file, frame, key and remedy.
-        FileNotFoundError: the folder, or every picture of a split, does not exist.
+        FileNotFoundError: the folder, or every training picture, does not exist. Where every test
+            picture is missing, a warning says that none is held out.
     """
     folder = Path(folder)
     if not folder.is_dir():
@@ -59,7 +60,14 @@ def read_splits(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
     static = _static(main, listed)
     views = []
     for name, top in tops.items():
-        views += views_of(top, _named(listed[name], name, static), dtype)
+        try:
+            frames = _named(listed[name], name, static)
+        except FileNotFoundError as error:
+            if name == "train":
+                raise
+            top.warn(f"nothing is held out, for none of its pictures exists: {error}")
+            continue
+        views += views_of(top, frames, dtype)
     times = [view.time for view in views]
     span = min(times), max(times)
     return Capture(

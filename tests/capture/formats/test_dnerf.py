@@ -307,12 +307,21 @@ def test_every_wrong_value_is_named_with_its_file_and_rule(dnerf, change, says):
         read_splits(edited(dnerf, change))
 
 
-def test_a_split_without_any_picture_is_refused(dnerf):
-    for path in (dnerf / "test").iterdir():
+def test_a_training_split_without_any_picture_is_refused(dnerf):
+    for path in (dnerf / "train").iterdir():
         path.unlink()
-    says = "transforms_test.json, frame 0: file_path must name a picture, got './test/r_000.png'"
+    says = "transforms_train.json, frame 0: file_path must name a picture, got './train/r_000.png'"
     with pytest.raises(FileNotFoundError, match=says):
         read_splits(dnerf)
+
+
+def test_where_every_test_picture_is_missing_none_is_held_out(dnerf):
+    for path in (dnerf / "test").iterdir():
+        path.unlink()
+    says = "transforms_test.json: nothing is held out.*got './test/r_000.png'"
+    with pytest.warns(CaptureWarning, match=says):
+        capture = read_splits(dnerf)
+    assert {view.split for view in capture.views} == {"train"}
 
 
 def test_a_later_picture_of_another_size_is_found_when_it_is_opened(dnerf):
