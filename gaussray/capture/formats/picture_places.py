@@ -5,6 +5,7 @@ import dataclasses
 import glob
 import re
 from pathlib import Path, PurePosixPath
+from typing import Any
 
 from gaussray.capture.formats.json_keys import Keys
 from gaussray.capture.picture_file import picture_exists
@@ -17,6 +18,8 @@ _PLACES = ("", "*/", "*/*/")
 # Share of the pictures that must be found in another place.
 _MOST = 0.5
 _NAMED = ("file_path", "mask_path", "depth_file_path")
+# nerfstudio's lists of paths, which tell the split of each.
+_LISTS = ("train_filenames", "val_filenames", "test_filenames")
 # Folders whose pictures often have the same names, but are others.
 _SPLITS = {"train", "test", "val"}
 
@@ -53,7 +56,12 @@ def with_found_pictures(frames: list[Keys]) -> list[Keys]:
                 f"no picture is where file_path says. {best} of {len(names)} are found if "
                 f"{_change(before, found[0])}, and are read there."
             )
-            return [_with_paths(frame, before, found[0]) for frame in frames]
+            lists = {
+                key: [_text(name, before, found[0]) for name in named[0].values[key]]
+                for key in _LISTS
+                if isinstance(named[0].values.get(key), list)
+            }
+            return [_with_paths(frame, before, found[0], lists) for frame in frames]
     return frames
 
 
@@ -105,10 +113,15 @@ def _change(before: tuple[str, ...], place: tuple[str, ...]) -> str:
     return f"it begins with {new} instead of {old}" if place else f"its beginning {old} is left out"
 
 
-def _with_paths(frame: Keys, before: tuple[str, ...], place: tuple[str, ...]) -> Keys:
-    paths = {}
-    for key in _NAMED:
-        if isinstance(frame.values.get(key), str):
-            moved = _moved(_parts(frame.values[key]), before, place)
-            paths |= {key: "/".join(moved)} if moved else {}
-    return dataclasses.replace(frame, values={**frame.values, **paths})
+def _with_paths(
+    frame: Keys, before: tuple[str, ...], place: tuple[str, ...], lists: dict[str, list[Any]]
+) -> Keys:
+    named = [key for key in _NAMED if frame.has(key)]
+    paths = {key: _text(frame.values[key], before, place) for key in named}
+    return dataclasses.replace(frame, values={**frame.values, **lists, **paths})
+
+
+def _text(name: Any, before: tuple[str, ...], place: tuple[str, ...]) -> Any:
+    """A path with another folder at its beginning; what is none, or begins otherwise, stays."""
+    moved = _moved(_parts(name), before, place) if isinstance(name, str) else ()
+    return "/".join(moved) if moved else name

@@ -56,6 +56,7 @@ _IGNORED = {
     *("render_aabb", "up", "blur_score", "timestamp", "near", "far", "scene_box", "colmap_id"),
     *("original_fn", "time_id", "semantics", "semantics_path", "normal_file_path", "version"),
     *("ply_file_path", "scene_scale", "scene_center", "contributor", "image_id", "exposure_time"),
+    *("fovx", "fovy", "fov_x", "fov_y"),
 }
 POINT_FILES = ("points3d.ply", "sparse_pc.ply")
 

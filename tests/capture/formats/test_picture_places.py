@@ -86,6 +86,18 @@ def test_masks_move_with_their_pictures(tmp_path):
     assert capture.views[0].mask == tmp_path / "masks/a.png"
 
 
+def test_the_lists_of_splits_move_with_their_pictures(tmp_path):
+    folder = folder_of(tmp_path, ["x/a.png", "x/b.png"], ["images/a.png", "images/b.png"])
+    content = json.loads((folder / "transforms.json").read_text())
+    for frame in content["frames"]:
+        del frame["split"]
+    content |= {"train_filenames": ["x/a.png"], "test_filenames": ["x/b.png"]}
+    (folder / "transforms.json").write_text(json.dumps(content))
+    with pytest.warns(CaptureWarning, match="it begins with images/ instead of x/"):
+        capture = open_capture(folder)
+    assert [view.split for view in capture.views] == ["train", "test"]
+
+
 def test_a_file_beside_that_has_another_name_is_not_taken(tmp_path):
     folder = folder_of(tmp_path, [f"in/{k}.png" for k in range(5)], ["out/0.png", "out/1.png"])
     with warnings.catch_warnings():
