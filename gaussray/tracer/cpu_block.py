@@ -63,6 +63,20 @@ def begin_block(block, layout, rays, g_pixel, first, count):
             block[AT_KEYS + LANES * k + r] = rays.weights[k, i]
 
 
+@machine_code
+def copy_row(block, source, target):
+    """Copy a row whose place is found at run time to one whose place the compiler knows: loops over
+    such rows alone become vector instructions.
+
+    Args:
+        block: the block.
+        source: place of the row.
+        target: where to copy it.
+    """
+    for r in range(LANES):
+        block[target + r] = block[source + r]
+
+
 @summing_code
 def product_sum(block, one, other):
     """Sum over the lanes of the products of two rows.

@@ -15,9 +15,11 @@ from gaussray.tracer.cpu_block import (
     AT_PIXEL,
     AT_WEIGHT,
     LANES,
+    copy_row,
+    lane_sum,
     product_sum,
 )
-from gaussray.tracer.cpu_call import machine_code
+from gaussray.tracer.cpu_call import inlined_code, machine_code, summing_code
 
 
 _ZERO, _HALF, _TWO, _THREE = (np.float32(x) for x in (0, 0.5, 2, 3))
@@ -25,7 +27,12 @@ _FOUR, _SIX, _EIGHT = (np.float32(x) for x in (4, 6, 8))
 _C0, _C1 = np.float32(C0), np.float32(C1)
 _C2A, _C2B, _C2C = (np.float32(x) for x in C2)
 _C3A, _C3B, _C3C, _C3D, _C3E = (np.float32(x) for x in C3)
-_RED, _GREEN, _BLUE = AT_G_COLOR, AT_G_COLOR + LANES, AT_G_COLOR + 2 * LANES
+_RED, _GREEN, _BLUE = (AT_G_COLOR + LANES * c for c in range(3))
+_PIXEL_G, _PIXEL_B = AT_PIXEL + LANES, AT_PIXEL + 2 * LANES
+# Tints, and weights of one key state, in rows that are written after all colours.
+_TINT_R, _TINT_G, _TINT_B, _KEY = (AT_MATRIX + LANES * k for k in range(4))
+_Y0, _Y1, _Y2, _Y3, _Y4, _Y5, _Y6, _Y7 = (AT_HARMONICS + LANES * k for k in range(8))
+_Y8, _Y9, _Y10, _Y11, _Y12, _Y13, _Y14, _Y15 = (AT_HARMONICS + LANES * k for k in range(8, 16))
 
 
 @machine_code
@@ -76,24 +83,18 @@ def add_color_gradients(row, d_row, layout, block, rays):
             if _HALF + _C0 * row[at] > _ZERO:
                 d_row[at] += _C0 * product_sum(block, AT_WEIGHT, AT_PIXEL + LANES * c)
         return
-    for c in range(3):
-        color, pixel = AT_G_COLOR + LANES * c, AT_PIXEL + LANES * c
-        # The colour before what is below zero is cut.
+    _add_colors(row, layout, block)
+    if layout.tint >= 0:
+        _add_tint_gradients(row, d_row, layout, block, rays)
+    else:
+        # Where a colour is below zero, it is cut.
         for r in range(LANES):
-            block[color + r] = _HALF
-        for k in range(layout.coefficients):
-            value, y = row[layout.harmonics + 3 * k + c], AT_HARMONICS + LANES * k
-            for r in range(LANES):
-                block[color + r] += value * block[y + r]
-        if layout.tint >= 0:
-            _add_tint_gradient(row, d_row, layout, block, rays, c)
-        else:
-            for r in range(LANES):
-                seen = block[color + r] > _ZERO
-                block[color + r] = block[AT_WEIGHT + r] * block[pixel + r] if seen else _ZERO
-        for k in range(layout.coefficients):
-            y = AT_HARMONICS + LANES * k
-            d_row[layout.harmonics + 3 * k + c] += product_sum(block, y, color)
+            weight = block[AT_WEIGHT + r]
+            red, green, blue = block[_RED + r], block[_GREEN + r], block[_BLUE + r]
+            block[_RED + r] = weight * block[AT_PIXEL + r] if red > _ZERO else _ZERO
+            block[_GREEN + r] = weight * block[_PIXEL_G + r] if green > _ZERO else _ZERO
+            block[_BLUE + r] = weight * block[_PIXEL_B + r] if blue > _ZERO else _ZERO
+    _sum_colors(d_row, layout, block)
     for k in range(1, layout.coefficients * rays):
         at, total = layout.harmonics + 3 * k, AT_D_HARMONICS + LANES * k
         red, green, blue = row[at], row[at + 1], row[at + 2]
@@ -104,25 +105,176 @@ def add_color_gradients(row, d_row, layout, block, rays):
 
 
 @machine_code
-def _add_tint_gradient(row, d_row, layout, block, rays, c):
-    """Add the gradients of a channel's tint; the row of its colour becomes that of its gradient."""
-    color, pixel = AT_G_COLOR + LANES * c, AT_PIXEL + LANES * c
-    # In rows that are written after all colours.
-    tint, g_tint = AT_MATRIX, AT_MATRIX + LANES
-    for r in range(LANES):
-        block[tint + r] = _ZERO
-    for k in range(layout.keys):
-        value, w = row[layout.tint + 3 * k + c], AT_KEYS + LANES * k
+def _add_colors(row, layout, block):
+    """Write the colours that the rays see, before what is below zero is cut: all coefficients of a
+    degree in one loop, whose rows are known when it is compiled."""
+    at = layout.harmonics
+    if layout.coefficients == 1:
+        red, green, blue = (
+            _HALF + _C0 * row[at],
+            _HALF + _C0 * row[at + 1],
+            _HALF + _C0 * row[at + 2],
+        )
         for r in range(LANES):
-            block[tint + r] += value * block[w + r]
+            block[_RED + r], block[_GREEN + r], block[_BLUE + r] = red, green, blue
+        return
+    for r in range(LANES):
+        y = block[_Y0 + r], block[_Y1 + r], block[_Y2 + r], block[_Y3 + r]
+        block[_RED + r] = _HALF + _weighted_4(row, at, y)
+        block[_GREEN + r] = _HALF + _weighted_4(row, at + 1, y)
+        block[_BLUE + r] = _HALF + _weighted_4(row, at + 2, y)
+    if layout.coefficients > 4:
+        at += 12
+        for r in range(LANES):
+            y = block[_Y4 + r], block[_Y5 + r], block[_Y6 + r], block[_Y7 + r], block[_Y8 + r]
+            block[_RED + r] += _weighted_5(row, at, y)
+            block[_GREEN + r] += _weighted_5(row, at + 1, y)
+            block[_BLUE + r] += _weighted_5(row, at + 2, y)
+    if layout.coefficients > 9:
+        at += 15
+        for r in range(LANES):
+            y = block[_Y9 + r], block[_Y10 + r], block[_Y11 + r], block[_Y12 + r]
+            z = block[_Y13 + r], block[_Y14 + r], block[_Y15 + r]
+            block[_RED + r] += _weighted_4(row, at, y) + _weighted_3(row, at + 12, z)
+            block[_GREEN + r] += _weighted_4(row, at + 1, y) + _weighted_3(row, at + 13, z)
+            block[_BLUE + r] += _weighted_4(row, at + 2, y) + _weighted_3(row, at + 14, z)
+
+
+@inlined_code
+def _weighted_3(row, at, y):
+    """Harmonics times a channel's coefficients, three of them."""
+    return row[at] * y[0] + row[at + 3] * y[1] + row[at + 6] * y[2]
+
+
+@inlined_code
+def _weighted_4(row, at, y):
+    """Harmonics times a channel's coefficients, four of them."""
+    return _weighted_3(row, at, y) + row[at + 9] * y[3]
+
+
+@inlined_code
+def _weighted_5(row, at, y):
+    """Harmonics times a channel's coefficients, five of them."""
+    return _weighted_4(row, at, y) + row[at + 12] * y[4]
+
+
+@machine_code
+def _sum_colors(d_row, layout, block):
+    """Add the gradients of all coefficients, of the gradients of the colours."""
+    at = layout.harmonics
+    if layout.coefficients == 1:
+        for c in range(3):
+            d_row[at + c] += _C0 * lane_sum(block, AT_G_COLOR + LANES * c)
+        return
+    _sum_low(d_row, at, block, _RED)
+    _sum_low(d_row, at + 1, block, _GREEN)
+    _sum_low(d_row, at + 2, block, _BLUE)
+    if layout.coefficients > 4:
+        _sum_second(d_row, at + 12, block, _RED)
+        _sum_second(d_row, at + 13, block, _GREEN)
+        _sum_second(d_row, at + 14, block, _BLUE)
+    if layout.coefficients > 9:
+        _sum_third(d_row, at + 27, block, _RED)
+        _sum_third(d_row, at + 28, block, _GREEN)
+        _sum_third(d_row, at + 29, block, _BLUE)
+
+
+@summing_code
+def _sum_low(d_row, at, block, color):
+    """Add the gradients of a channel's coefficients up to degree 1."""
+    a, b, c, d = _ZERO, _ZERO, _ZERO, _ZERO
+    for r in range(LANES):
+        g = block[color + r]
+        a, b = a + g * block[_Y0 + r], b + g * block[_Y1 + r]
+        c, d = c + g * block[_Y2 + r], d + g * block[_Y3 + r]
+    d_row[at] += a
+    d_row[at + 3] += b
+    d_row[at + 6] += c
+    d_row[at + 9] += d
+
+
+@summing_code
+def _sum_second(d_row, at, block, color):
+    """Add the gradients of a channel's coefficients of degree 2."""
+    a, b, c, d, e = _ZERO, _ZERO, _ZERO, _ZERO, _ZERO
+    for r in range(LANES):
+        g = block[color + r]
+        a, b = a + g * block[_Y4 + r], b + g * block[_Y5 + r]
+        c, d = c + g * block[_Y6 + r], d + g * block[_Y7 + r]
+        e += g * block[_Y8 + r]
+    d_row[at] += a
+    d_row[at + 3] += b
+    d_row[at + 6] += c
+    d_row[at + 9] += d
+    d_row[at + 12] += e
+
+
+@summing_code
+def _sum_third(d_row, at, block, color):
+    """Add the gradients of a channel's coefficients of degree 3."""
+    a, b, c, d, e, f, h = _ZERO, _ZERO, _ZERO, _ZERO, _ZERO, _ZERO, _ZERO
+    for r in range(LANES):
+        g = block[color + r]
+        a, b = a + g * block[_Y9 + r], b + g * block[_Y10 + r]
+        c, d = c + g * block[_Y11 + r], d + g * block[_Y12 + r]
+        e, f = e + g * block[_Y13 + r], f + g * block[_Y14 + r]
+        h += g * block[_Y15 + r]
+    d_row[at] += a
+    d_row[at + 3] += b
+    d_row[at + 6] += c
+    d_row[at + 9] += d
+    d_row[at + 12] += e
+    d_row[at + 15] += f
+    d_row[at + 18] += h
+
+
+@machine_code
+def _add_tint_gradients(row, d_row, layout, block, rays):
+    """Add the gradients of the tint; the rows of the colours become those of their gradients."""
+    for r in range(LANES):
+        block[_TINT_R + r], block[_TINT_G + r], block[_TINT_B + r] = _ZERO, _ZERO, _ZERO
+    for k in range(layout.keys):
+        at = layout.tint + 3 * k
+        red, green, blue = row[at], row[at + 1], row[at + 2]
+        copy_row(block, AT_KEYS + LANES * k, _KEY)
+        for r in range(LANES):
+            w = block[_KEY + r]
+            block[_TINT_R + r] += red * w
+            block[_TINT_G + r] += green * w
+            block[_TINT_B + r] += blue * w
+    _split_by_tint(block, _RED, _TINT_R, AT_PIXEL)
+    _split_by_tint(block, _GREEN, _TINT_G, _PIXEL_G)
+    _split_by_tint(block, _BLUE, _TINT_B, _PIXEL_B)
+    for k in range(layout.keys):
+        copy_row(block, AT_KEYS + LANES * k, _KEY)
+        _add_key_tint(row, d_row, layout.tint + 3 * k, block)
+        d_w = AT_KEYS + LANES * (layout.keys + k)
+        for r in range(LANES * rays):
+            block[d_w + r] += block[_KEY + r]
+
+
+@inlined_code
+def _split_by_tint(block, color, tint, pixel):
+    """The gradient of a channel's pixel becomes those of its colour and of its tint, in their
+    rows; where one is below zero, it is cut."""
     for r in range(LANES):
         g = block[AT_WEIGHT + r] * block[pixel + r]
         seen, cut = max(block[color + r], _ZERO), max(block[tint + r], _ZERO)
-        block[g_tint + r] = g * seen if cut > _ZERO else _ZERO
+        block[tint + r] = g * seen if cut > _ZERO else _ZERO
         block[color + r] = g * cut if seen > _ZERO else _ZERO
-    for k in range(layout.keys):
-        at, w = layout.tint + 3 * k + c, AT_KEYS + LANES * k
-        d_row[at] += product_sum(block, w, g_tint)
-        value, d_w = row[at], AT_KEYS + LANES * (layout.keys + k)
-        for r in range(LANES * rays):
-            block[d_w + r] += value * block[g_tint + r]
+
+
+@summing_code
+def _add_key_tint(row, d_row, at, block):
+    """Add the gradients of the tint of one key state; the row of its weights becomes that of their
+    gradients."""
+    red, green, blue = row[at], row[at + 1], row[at + 2]
+    a, b, c = _ZERO, _ZERO, _ZERO
+    for r in range(LANES):
+        w = block[_KEY + r]
+        x, y, z = block[_TINT_R + r], block[_TINT_G + r], block[_TINT_B + r]
+        a, b, c = a + w * x, b + w * y, c + w * z
+        block[_KEY + r] = red * x + green * y + blue * z
+    d_row[at] += a
+    d_row[at + 1] += b
+    d_row[at + 2] += c

@@ -87,7 +87,8 @@ class PoseCheck(NamedTuple):
             return f"{text}They fit if the poses are {REMEDIES[self.reading]}."
         return (
             f"{text}Poses, lens or order may be those of other pictures, or two sides that look "
-            "the same were taken for one; what is fitted to them is blurred."
+            "the same were taken for one; what is fitted to them is blurred. fit.refine=[pose] "
+            "mends small errors; `gaussray prepare` finds the poses of the pictures anew."
         )
 
 
