@@ -88,4 +88,4 @@ def _dark(lens: LensKeyValues, place: Float[np.ndarray, " places"]) -> Bool[np.n
     """Which pixels have no viewing direction, at places between 0 and 1 across and down."""
     columns, rows = (np.clip(lens[key] * place, 0.5, lens[key] - 0.5) for key in ("w", "h"))
     pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
-    return np.isnan(pixel_rays(lens, pixels)).any(axis=1)
+    return np.any(np.isnan(pixel_rays(lens, pixels)), axis=1)
