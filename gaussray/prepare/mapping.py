@@ -74,6 +74,10 @@ def estimate_poses(database: Path, pictures: Path, options: PosesOptions) -> Spa
     return sparse_model_of(best)
 
 
+# Largest coefficient of a lens that is known: no limit.
+_ANY = 1e12
+
+
 def triangulate(
     database: Path,
     pictures: Path,
@@ -107,6 +111,9 @@ def triangulate(
     options.extract_colors = False
     # Points of two views are kept: few cameras see a point three times.
     options.triangulation.ignore_two_view_tracks = False
+    # Lenses are known: COLMAP leaves out cameras with a coefficient above 1 otherwise, as OpenCV's
+    # calibrations have them (k3).
+    options.max_extra_param = options.triangulation.max_extra_param = _ANY
     options.mapper.filter_max_reproj_error = most_error
     options.triangulation.complete_max_reproj_error = most_error
     options.triangulation.merge_max_reproj_error = most_error

@@ -63,6 +63,8 @@ def prepare_capture(
     if len(sources) == 1 and not options.frames.rate and resampled(sources, timeline):
         used, count = len(timeline.times), sources[0].count
         say(f"{sources[0].name}: {used} of {count} frames are used; frames.rate takes others.")
+    # Pictures are about to be replaced: the poses of an earlier run must not stay beside them.
+    (out / PINHOLE_FILE).unlink(missing_ok=True)
     files = copy_media(sources, timeline, out)
     out.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=out, prefix=".prepare") as work, quiet_colmap():

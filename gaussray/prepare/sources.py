@@ -2,11 +2,13 @@
 
 import dataclasses
 import re
+import warnings
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
+from gaussray.capture.errors import CaptureWarning
 from gaussray.capture.videos import VIDEO_SUFFIXES, open_video, upright, video_stream
 from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.photographs import PHOTOGRAPH_SUFFIXES, photograph_size
@@ -14,6 +16,9 @@ from gaussray.prepare.photographs import PHOTOGRAPH_SUFFIXES, photograph_size
 
 # Intervals of a video may differ from their median by this share of it.
 _EVEN = 0.25
+_SUFFIXES = (*VIDEO_SUFFIXES, *PHOTOGRAPH_SUFFIXES)
+# Cameras that a message names.
+_NAMED = 3
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -81,25 +86,46 @@ def find_sources(folder: Path | str) -> list[Source]:
     """The cameras of an input folder, in the natural order of their names.
 
     A camera is a video in the folder, a subfolder of pictures, or a subfolder with one video. A
-    folder that holds nothing but pictures is one camera; these may have several sizes.
+    folder that holds nothing but pictures, or a single folder of pictures, is one camera; these may
+    have several sizes. Of pictures beside videos or folders, which are not used, a warning tells.
 
     Raises:
         FileNotFoundError: The folder does not exist.
         PrepareError: The folder holds neither videos nor pictures, or two cameras of one name.
     """
     folder = Path(folder)
+    if folder.is_file():
+        raise PrepareError(
+            f"videos={folder}: must be the folder of the videos or pictures, got a file. Put it "
+            "into a folder of its own, and name that."
+        )
     if not folder.is_dir():
         raise FileNotFoundError(f"videos={folder}: the folder does not exist.")
     sources = [_video(path.stem, path) for path in _files(folder, VIDEO_SUFFIXES)]
-    for inner in sorted((p for p in folder.iterdir() if p.is_dir()), key=_natural):
+    inside = sorted((p for p in folder.iterdir() if p.is_dir()), key=_natural)
+    # Photographs in one folder alone are of a single camera.
+    alone = not sources and sum(bool(_files(p, _SUFFIXES)) for p in inside) == 1
+    for inner in inside:
         videos, pictures = _files(inner, VIDEO_SUFFIXES), _files(inner, PHOTOGRAPH_SUFFIXES)
         if len(videos) > 1:
             raise PrepareError(
                 f"{inner}: the folder of a camera must hold one video, got {len(videos)}. Give "
                 "each camera a folder of its own, or name the folder of the videos."
             )
-        sources += [_video(inner.name, videos[0])] if videos else _folder(inner, pictures)
-    sources = sources or _folder(folder, _files(folder, PHOTOGRAPH_SUFFIXES), one_size=False)
+        sources += (
+            [_video(inner.name, videos[0])] if videos else _folder(inner, pictures, not alone)
+        )
+    beside = _files(folder, PHOTOGRAPH_SUFFIXES)
+    if sources and beside:
+        names = ", ".join(source.name for source in sources[:_NAMED])
+        warnings.warn(
+            f"videos={folder}: {len(beside)} pictures beside {len(sources)} cameras "
+            f"({', '.join(source.name for source in sources[:_NAMED])} ...) are not used. If they "
+            "are meant, move them into a folder of their own.",
+            CaptureWarning,
+            stacklevel=2,
+        )
+    sources = sources or _folder(folder, beside, one_size=False)
     if not sources:
         raise PrepareError(
             f"videos={folder}: must hold a video ({' '.join(VIDEO_SUFFIXES)}) or a folder of "

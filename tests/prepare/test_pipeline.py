@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 from gaussray.capture.open import open_capture
 from gaussray.dataset.images import write_image
 from gaussray.geometry import BLENDER_AXES
-from gaussray.prepare import prepare_capture
+from gaussray.prepare import pipeline, prepare_capture
 from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.options import FramesOptions, PosesOptions, PrepareOptions, SyncOptions
 from gaussray.report import write_page
@@ -148,14 +148,14 @@ def test_the_report_shows_pictures_and_lines(prepared):
 def toml(tmp_path):
     """Writes the true cameras, or others in their place, as Pose2Sim does."""
 
-    def write(poses):
+    def write(poses, distortion=(0.0, 0.0, 0.0, 0.0)):
         text = ""
         for k, pose in enumerate(poses):
             vector = Rotation.from_matrix(pose[:, :3]).as_rotvec().tolist()
             centre = [SIZE[0] / 2 - 0.5, SIZE[1] / 2 - 0.5]
             matrix = [[FOCAL, 0.0, centre[0]], [0.0, FOCAL, centre[1]], [0.0, 0.0, 1.0]]
             text += f"[cam{k}]\nsize = {list(SIZE)}\nmatrix = {matrix}\nrotation = {vector}\n"
-            text += f"translation = {pose[:, 3].tolist()}\n"
+            text += f"translation = {pose[:, 3].tolist()}\ndistortions = {list(distortion)}\n"
         path = tmp_path / "rig.toml"
         path.write_text(text)
         return str(path)
@@ -179,6 +179,26 @@ def test_known_cameras_stay_and_points_are_where_surfaces_are(videos, tmp_path, 
     # The floor and the back wall hold most of what all cameras see.
     on = (np.abs(points[:, 2]) < 0.05) | (np.abs(points[:, 1] - 4) < 0.05)
     assert on.mean() > 0.3
+
+
+def test_lenses_with_large_coefficients_see_points_too(videos, tmp_path, toml):
+    """k3 = 1.05 moves what is 0.3 focal lengths from the centre by less than 0.1 pixels."""
+    path = toml(arc(CAMERAS), (0.0, 0.0, 0.0, 0.0, 1.05))
+    assert prepare_capture(videos, tmp_path / "capture", options=known(path))["points"] > 100
+
+
+def test_poses_do_not_stay_beside_pictures_that_are_replaced(videos, tmp_path, toml, monkeypatch):
+    def stopped(*_):
+        assert not (tmp_path / "transforms.json").exists()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(pipeline, "copy_media", stopped)
+    (tmp_path / "transforms.json").write_text("{}")
+    with pytest.raises(PrepareError, match="does not exist|must name every camera"):
+        prepare_capture(videos, tmp_path, options=known(toml(arc(1))))
+    assert (tmp_path / "transforms.json").exists()
+    with pytest.raises(KeyboardInterrupt):
+        prepare_capture(videos, tmp_path, options=known(toml(arc(CAMERAS))))
 
 
 def test_a_camera_without_a_pose_is_left_out_with_its_video(videos, tmp_path, toml):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from quads import write_video
 
+from gaussray.capture.errors import CaptureWarning
 from gaussray.dataset.images import write_image
 from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.sources import find_sources
@@ -42,8 +43,29 @@ def test_what_is_no_input_is_refused_with_a_remedy(tmp_path):
         find_sources(tmp_path)
     write_image(tmp_path / "a" / "0.png", BLACK)
     write_image(tmp_path / "a" / "1.png", BLACK[:16])
+    write_image(tmp_path / "b" / "0.png", BLACK)
     with pytest.raises(PrepareError, match="must have one size"):
         find_sources(tmp_path)
+    with pytest.raises(PrepareError, match="must be the folder of the videos or pictures"):
+        find_sources(tmp_path / "b" / "0.png")
+
+
+def test_photographs_of_several_sizes_may_be_in_the_only_folder(tmp_path):
+    for name, picture in (("0.png", BLACK), ("1.png", BLACK[:16])):
+        write_image(tmp_path / "a" / name, picture)
+    (tmp_path / "empty").mkdir()
+    (source,) = find_sources(tmp_path)
+    assert source.sizes == ((48, 32), (48, 16))
+
+
+def test_pictures_beside_cameras_are_told_to_be_unused(tmp_path):
+    write_image(tmp_path / "a" / "0.png", BLACK)
+    write_image(tmp_path / "1.png", BLACK)
+    with pytest.warns(
+        CaptureWarning, match=r"1 pictures beside 1 cameras \(a \.\.\.\) are not used"
+    ):
+        (source,) = find_sources(tmp_path)
+    assert source.name == "a" and source.count == 1
 
 
 def test_two_cameras_of_one_name_are_refused(tmp_path):

@@ -29,7 +29,8 @@ def assign_cameras(
     """The calibrated camera of each source, its lens for the source's size of pictures.
 
     A camera belongs to a source if it is the only one of the same name; else of the same letters
-    and digits, whatever their case; else of the same last number (`cam01`, `1`).
+    and digits, whatever their case; else of the same last number (`cam01`, `1`); else if its name
+    is a part of the source's (`back`, `session_back`).
 
     Args:
         calibration: its cameras. One of pictures of another size is used as it is if the sizes
@@ -105,7 +106,9 @@ def _named(known: Sequence[str], name: str) -> str | None:
         alike = [other for other in known if rule(other) == rule(name) != ""]
         if len(alike) == 1:
             return alike[0]
-    return None
+    parts = re.split(r"[^a-z0-9]+", name.lower())
+    alike = [other for other in known if other.lower() in parts]
+    return alike[0] if len(alike) == 1 else None
 
 
 def _number(name: str) -> str:

@@ -182,6 +182,18 @@ def test_cameras_are_given_by_name_or_by_number(tmp_path):
         assign_cameras(known, [source("left")])
 
 
+def test_a_camera_may_be_a_part_of_the_name_of_its_video(tmp_path):
+    text = write_toml(tmp_path).read_text()
+    for old, new in (("cam01", "back"), ("cam02", "top"), ("cam03", "side")):
+        text = text.replace(old, new)
+    (tmp_path / "c.toml").write_text(text)
+    known = read_calibration(tmp_path / "c.toml")
+    given, _ = assign_cameras(known, [source("minimal_Top"), source("minimal-back")])
+    assert given["minimal_Top"].pose == pytest.approx(POSES[1], abs=CLOSE)
+    with pytest.raises(PrepareError, match="got no stop"):
+        assign_cameras(known, [source("stop")])
+
+
 def test_cameras_of_the_panoptic_studio_are_called_as_its_videos(tmp_path):
     known = read_calibration(write_panoptic(tmp_path))
     given, _ = assign_cameras(known, [source("hd_00_02")])
