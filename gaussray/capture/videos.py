@@ -3,6 +3,7 @@
 import contextlib
 import functools
 import threading
+import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from stat import S_ISREG
@@ -13,13 +14,12 @@ import av.error
 import numpy as np
 from jaxtyping import UInt8
 
-from gaussray.capture.errors import CaptureError
+from gaussray.capture.errors import CaptureError, CaptureWarning
+from gaussray.capture.high_dynamic_range import curve_of, frame_levels
 from gaussray.io.safe.limits import limits, within
 
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv", ".avi", ".webm")
-# Transfer characteristics of ITU-T H.273 that are not the sRGB curve: PQ and HLG.
-_HIGH_DYNAMIC_RANGE = {16: "PQ", 18: "HLG"}
 
 # Decoders of common codecs; FFmpeg has three hundred more.
 CODECS = (
@@ -78,8 +78,8 @@ def read_video(path: Path | str) -> Video:
     quarter of their interval.
 
     Raises:
-        CaptureError: the frames are not evenly spaced, or the file has no pictures, is in high
-            dynamic range, or is turned by other than quarters of a turn.
+        CaptureError: the frames are not evenly spaced, or the file has no pictures, or is turned
+            by other than quarters of a turn.
         OSError: the file is absent, damaged, or shorter than its header says.
     """
     return _facts(*_identity(Path(path)))
@@ -89,7 +89,7 @@ def decode_frames(path: Path | str, indices: Sequence[int]) -> Iterator[UInt8[np
     """Some frames of a video, upright 8-bit sRGB levels, one at a time.
 
     The file's own matrix and range of colours count; BT.601 and limited range where it names none,
-    as in ffmpeg.
+    as in ffmpeg. High dynamic range is mapped to sRGB (`high_dynamic_range`).
 
     Args:
         path: file of the video.
@@ -150,6 +150,13 @@ def _facts(path: Path, changed: int, size: int) -> Video:
             more = f" of {stream.frames}" if stream.frames else ""
             raise _broken(path, f"it holds {listed}{more} frames")
         _check_even(path, times)
+        if curve := curve_of(first):
+            warnings.warn(
+                f"{path}: the video is in high dynamic range ({curve}); it is mapped to sRGB, and "
+                "what is brighter than white is compressed.",
+                CaptureWarning,
+                stacklevel=2,
+            )
         if not stream.frames and len(container.streams) == 1 and container.duration:
             last, step = max(times), (max(times) - min(times)) / max(len(times) - 1, 1)
             if float((last + 3 * step) * stream.time_base) < container.duration / av.time_base:
@@ -241,8 +248,8 @@ def video_stream(path: Path, container: Any) -> Any:
         container: the open video, as PyAV gives it (`open_video`).
 
     Raises:
-        CaptureError: there are no pictures, they are in high dynamic range or larger than
-            `limits.picture`, or their codec is not in `CODECS`.
+        CaptureError: there are no pictures, they are larger than `limits.picture`, or their codec
+            is not in `CODECS`.
     """
     if not container.streams.video:
         raise CaptureError(
@@ -261,12 +268,6 @@ def video_stream(path: Path, container: Any) -> Any:
     # Frames that are larger than the header says are not decoded either.
     if not codec.is_open:
         codec.options = {"max_pixels": str(int(1e6 * limits().picture))}
-    curve = _HIGH_DYNAMIC_RANGE.get(stream.codec_context.color_trc)
-    if curve:
-        raise CaptureError(
-            f"{path}: a video must hold sRGB values, got high dynamic range ({curve}). "
-            "Map it to BT.709 first, e.g. with ffmpeg's tonemap filter."
-        )
     return stream
 
 
@@ -288,7 +289,7 @@ def upright(path: Path, frame: Any) -> UInt8[np.ndarray, "h w 3"]:
         CaptureError: the frame is larger than `limits.picture`, or turned by other than quarters.
     """
     _check_pixels(path, frame.width * frame.height)
-    pixels = frame.to_ndarray(format="rgb24")
+    pixels = frame_levels(frame)
     if frame.rotation % 90:
         raise CaptureError(
             f"{path}: a video must be turned by quarters of a turn, got {frame.rotation} degrees "

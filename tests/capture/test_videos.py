@@ -138,13 +138,6 @@ def test_a_video_that_is_damaged_in_the_middle(tmp_path):
         list(decode_frames(path, range(10)))
 
 
-def test_high_dynamic_range_is_refused(tmp_path, monkeypatch):
-    path = films.film(tmp_path / "c.mp4", films.shades(2))
-    monkeypatch.setattr(videos, "_HIGH_DYNAMIC_RANGE", {2: "PQ"})  # 2: the file names none
-    with pytest.raises(CaptureError, match="c.mp4.*got high dynamic range .PQ.*tonemap"):
-        read_video(path)
-
-
 def test_what_is_no_video(tmp_path):
     with pytest.raises(FileNotFoundError, match="c.mp4: the video does not exist"):
         read_frame(tmp_path / "c.mp4", 0)
