@@ -13,7 +13,7 @@ from jaxtyping import Float, UInt8, UInt16
 
 
 # Transfer characteristics and primaries of ITU-T H.273.
-CURVES = {16: "PQ", 18: "HLG"}
+HIGH_RANGE_CURVES = {16: "PQ", 18: "HLG"}
 _BT2020 = 9
 # Linear light of BT.2020 to that of BT.709, whose primaries are sRGB's (ITU-R BT.2087).
 _TO_SRGB = np.array(
@@ -34,7 +34,7 @@ def curve_of(frame: Any) -> str:
     Args:
         frame: the frame, as PyAV gives it.
     """
-    return CURVES.get(int(getattr(frame, "color_trc", 0) or 0), "")
+    return HIGH_RANGE_CURVES.get(int(getattr(frame, "color_trc", 0) or 0), "")
 
 
 def relative_light(

@@ -15,6 +15,8 @@ from gaussray.capture.picture_file import picture_exists
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg")
 # Folders between that of the JSON file and a picture's path, at most.
 _PLACES = ("", "*/", "*/*/")
+# Folders of a path, and bytes of one's name, at most.
+_DEEP, _LONG = 40, 250
 # Share of the pictures that must be found in another place.
 _MOST = 0.5
 _NAMED = ("file_path", "mask_path", "depth_file_path")
@@ -66,9 +68,14 @@ def with_found_pictures(frames: list[Keys]) -> list[Keys]:
 
 
 def _parts(name: str) -> tuple[str, ...]:
-    """The folders and the name of a path of any system, without a drive and steps upwards."""
+    """The folders and the name of a path of any system, without a drive and steps upwards; none if
+    no file system has such a path."""
     path = PurePosixPath(re.sub(r"^[A-Za-z]:", "", name.replace("\\", "/")))
-    return tuple(part for part in path.parts if part not in ("/", "//", ".."))
+    parts = tuple(part for part in path.parts if part not in ("/", "//", ".."))
+    longest = max((len(part.encode(errors="replace")) for part in parts), default=0)
+    if len(parts) > _DEEP or longest > _LONG or re.search(r"[\x00-\x1f\x7f]", name):
+        return ()
+    return parts
 
 
 def _is_where_it_says(frame: Keys) -> bool:
