@@ -192,10 +192,9 @@ def format_of(folder: Path | str) -> str:
     if found is not None:
         return found
     if (folder / _EASY_FILE).is_file():
-        inner = [path for path in _folders_in(folder) if any(map(_is_folder, path.iterdir()))]
-        place = next(
-            (path for path in inner if path.name == "images"), next(iter(inner), folder / "images")
-        )
+        holds = [place for place in _folders_in(folder) if any(p.is_dir() for p in place.iterdir())]
+        holds.sort(key=lambda place: place.name != "images")
+        place = holds[0] if holds else folder / "images"
         raise CaptureError(
             f"{folder}: the layout of EasyMocap and EasyVolcap ({_EASY_FILE}) is no capture "
             f"yet: `gaussray prepare videos={place} poses.calibration={folder} out=OUT` makes one. "
@@ -209,10 +208,6 @@ def format_of(folder: Path | str) -> str:
         f"{remedy}; `gaussray prepare` makes a capture of videos or photographs, with calibrations "
         "of other tools (poses.calibration), too."
     )
-
-
-def _is_folder(path: Path) -> bool:
-    return path.is_dir()
 
 
 def _folders_in(folder: Path) -> list[Path]:

@@ -153,7 +153,7 @@ def _facts(path: Path, changed: int, size: int) -> Video:
         if curve := curve_of(first):
             warnings.warn(
                 f"{path}: the video is in high dynamic range ({curve}); it is mapped to sRGB, and "
-                "what is brighter than white is compressed.",
+                "bright light is compressed.",
                 CaptureWarning,
                 stacklevel=2,
             )

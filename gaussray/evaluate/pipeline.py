@@ -129,7 +129,7 @@ class _Scored(NamedTuple):
 
 
 class _Evaluation:
-    """Scores pictures one after another, and collects what the report shows."""
+    """Scores pictures, and collects what the report shows."""
 
     def __init__(
         self,
@@ -191,7 +191,7 @@ class _Evaluation:
         self.report["effects"][effect] = summary(rows, self.options.samples(effect), flicker)
         self.report["frames"] += len(views)
 
-    def _scored(self, pixels: MotionMasks, view: View, frame: Frame) -> "_Scored":
+    def _scored(self, pixels: MotionMasks, view: View, frame: Frame) -> _Scored:
         """A picture's scores."""
         ours, real = srgb_levels(frame.color), view_levels(view)
         visible = visible_mask(view.camera)

@@ -104,10 +104,10 @@ def add_color_gradients(row, d_row, layout, block, rays):
             )
 
 
+# Written out for each degree: loops over rows that are found at run time take five times as long.
 @machine_code
 def _add_colors(row, layout, block):
-    """Write the colours that the rays see, before what is below zero is cut: all coefficients of a
-    degree in one loop, whose rows are known when it is compiled."""
+    """Write the colours that the rays see, before what is below zero is cut."""
     at = layout.harmonics
     if layout.coefficients == 1:
         red, green, blue = (

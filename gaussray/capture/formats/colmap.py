@@ -2,9 +2,8 @@
 
 import dataclasses
 import os
-import re
 from pathlib import Path, PurePosixPath, PureWindowsPath
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -22,6 +21,7 @@ from gaussray.capture.formats.colmap_files import (
 )
 from gaussray.capture.formats.json_keys import Keys
 from gaussray.capture.formats.poses import opengl_pose, quaternion_turn
+from gaussray.capture.formats.rig import natural_order
 from gaussray.capture.formats.transforms import views_in_time, views_of
 from gaussray.capture.videos import VIDEO_SUFFIXES, frame_path, read_video
 
@@ -177,18 +177,13 @@ def _frames(folder: Path, name: str, camera: CameraImages) -> list[Path]:
     if camera.folder.is_dir():
         pictures = [p for p in camera.folder.iterdir() if p.suffix.lower() in PICTURES]
         if len(pictures) > 1:
-            return [_held(folder, path) for path in sorted(pictures, key=_numbers_counted)]
+            return [_held(folder, path) for path in sorted(pictures, key=natural_order)]
     places = [folder, folder / "videos", folder / "images"]
     for path in (place / f"{name}{suffix}" for place in places for suffix in VIDEO_SUFFIXES):
         if path.is_file():
             frames = read_video(_held(folder, path)).frames
             return [frame_path(path, i) for i in range(frames)]
     return list(camera.images)
-
-
-def _numbers_counted(path: Path) -> list[Any]:
-    parts = re.split(r"(\d+)", path.name)
-    return [int(part) if k % 2 else part for k, part in enumerate(parts)]
 
 
 def _pose(file: Path, image: Registered) -> np.ndarray:

@@ -24,32 +24,34 @@ def completed(frames: list[Keys]) -> list[Keys]:
     w / (2 tan(camera_angle_x / 2)), `fl_y` = `fl_x` (square pixels), and the optical axis meets the
     picture's centre. A matrix `K` gives all four. Keys that a frame has stay as they are, but paths
     of pictures that lie elsewhere (`picture_places.with_found_pictures`).
+
+    Raises:
+        FileNotFoundError: frames name no size, and no picture exists that would tell it.
     """
     named = [_with_matrix(_with_picture(frame)) for frame in with_found_pictures(frames)]
     sized = all(frame.has(key) for frame in named for key in ("w", "h"))
     size = None if sized else first_size(named)
-    if not sized and size is None:
-        _check_some_exists(named)
+    unsized = [f for f in named if not (f.has("w") or f.has("h"))]
+    if size is None and unsized and unsized[0].has("file_path"):
+        raise no_picture(unsized[0])
     return [
         dataclasses.replace(frame, values={**frame.values, **_intrinsics(frame, size)})
         for frame in named
     ]
 
 
-def _check_some_exists(frames: list[Keys]) -> None:
-    """Refuse frames that name no size, if none has a picture to take it from.
+def no_picture(frame: Keys) -> FileNotFoundError:
+    """The error about frames of which none has a picture.
 
-    Raises:
-        FileNotFoundError: there is none; the message names the first.
+    Args:
+        frame: the first of them.
     """
-    first = next((f for f in frames if not (f.has("w") or f.has("h"))), None)
-    if first is not None and first.has("file_path"):
-        name, folder = first.text("file_path"), first.file.parent
-        raise FileNotFoundError(
-            f"{first.where}: file_path must name a picture, got {name!r}: neither it nor another "
-            f"frame's picture is in {folder}.{same_name_hint(folder, name)} Copy the pictures "
-            "there, or correct the paths."
-        )
+    name, folder = frame.text("file_path"), frame.file.parent
+    return FileNotFoundError(
+        f"{frame.where}: file_path must name a picture, got {name!r}: neither it nor another "
+        f"frame's picture is in {folder}.{same_name_hint(folder, name)} Copy the pictures there, "
+        "or correct the paths."
+    )
 
 
 def first_size(frames: list[Keys]) -> tuple[int, int] | None:

@@ -9,7 +9,7 @@ from jaxtyping import DTypeLike
 from gaussray.capture.capture import Capture
 from gaussray.capture.errors import CaptureError
 from gaussray.capture.formats.camera_names import pose_and_lens
-from gaussray.capture.formats.completion import completed, first_size
+from gaussray.capture.formats.completion import completed, first_size, no_picture
 from gaussray.capture.formats.json_keys import Keys
 from gaussray.capture.formats.transforms import frames_of, points_of, read_document, views_of
 
@@ -117,11 +117,7 @@ def _named(frames: list[Keys], split: str, static: bool) -> list[Keys]:
 def _check_size(frames: list[Keys]) -> None:
     size, first = first_size(frames), frames[0]
     if size is None:
-        named = first.text("file_path")
-        raise FileNotFoundError(
-            f"{first.where}: file_path must name a picture, got {named!r}: neither it nor another "
-            f"frame's picture is in {first.file.parent}. Copy the pictures there."
-        )
+        raise no_picture(first)
     if (first.count("w"), first.count("h")) != size:
         raise CaptureError(
             f"{first.where}: w and h must be those of its picture, got {first.values['w']} x "

@@ -45,7 +45,10 @@ def with_found_pictures(frames: list[Keys]) -> list[Keys]:
     for kept in range(len(first), 0, -1):
         before = first[: len(first) - kept]
         places = {
-            place: sum(_exists(folder, _moved(name, before, place)) for name in names)
+            place: sum(
+                bool(path) and _is_picture(folder.joinpath(*path))
+                for path in (_moved(name, before, place) for name in names)
+            )
             for place in _places_of(folder, first[-kept:])
             if not (_SPLITS.intersection(before[-1:]) and _SPLITS.intersection(place[-1:]))
         }
@@ -79,17 +82,14 @@ def _parts(name: str) -> tuple[str, ...]:
 
 
 def _is_where_it_says(frame: Keys) -> bool:
-    path = frame.file.parent / frame.values["file_path"].replace("\\", "/")
     try:
-        return any(picture_exists(Path(f"{path}{suffix}")) for suffix in ("", *PICTURE_SUFFIXES))
+        return _is_picture(frame.file.parent / frame.values["file_path"].replace("\\", "/"))
     except (OSError, ValueError):
         return False
 
 
-def _exists(folder: Path, parts: tuple[str, ...]) -> bool:
-    if not parts:
-        return False
-    path = folder.joinpath(*parts)
+def _is_picture(path: Path) -> bool:
+    """Whether there is a picture of this path, with or without one of the suffixes."""
     return any(picture_exists(Path(f"{path}{suffix}")) for suffix in ("", *PICTURE_SUFFIXES))
 
 

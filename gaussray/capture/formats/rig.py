@@ -61,7 +61,7 @@ def film_of(top: Keys, name: str) -> dict[int, str]:
     Keys(top.file, {"camera": name}).inside("camera")
     places = [home, home / "images", home / "videos"]
     for folder in (place / name for place in places):
-        paths = sorted(folder.glob("*"), key=_counted)
+        paths = sorted(folder.glob("*"), key=natural_order)
         paths = [path for path in paths if path.suffix.lower() in KNOWN_SUFFIXES]
         if len(paths) > 1:
             numbers = [int(([0, *re.findall(r"\d+", path.stem)])[-1]) for path in paths]
@@ -75,8 +75,8 @@ def film_of(top: Keys, name: str) -> dict[int, str]:
     return {}
 
 
-def _counted(path: Path) -> list[str | int]:
-    """A key that sorts names by the numbers in them."""
+def natural_order(path: Path) -> list[str | int]:
+    """A key that sorts names by the numbers in them: cam2 before cam10."""
     parts = re.split(r"(\d+)", path.name)
     return [int(part) if k % 2 else part for k, part in enumerate(parts)]
 
