@@ -195,9 +195,19 @@ def lens_findings(placement: Placement) -> list[Finding]:
             )
             remedy = "If the cameras are alike, poses.intrinsics=shared."
             findings.append(Finding("warn", "lens", text, remedy))
+    fovs = [round(lens_fov(lens)) for lens in lenses.values()]
+    across = f"{min(fovs)}" if min(fovs) == max(fovs) else f"{min(fovs)} to {max(fovs)}"
+    if placement.model.focal_source == "guess":
+        text = (
+            "the pictures do not tell the focal length: one 20 % shorter or longer explains them as "
+            f"well; {across} degrees across the width are a guess"
+        )
+        remedy = "If you know the lens, poses.fov=DEGREES; or give a calibration."
+        findings.append(Finding("warn", "lens", text, remedy))
     if not findings:
-        fovs = [lens_fov(lens) for lens in lenses.values()]
-        text = f"horizontal fields of view of {min(fovs):.0f} to {max(fovs):.0f} degrees"
+        text = f"horizontal fields of view of {across} degrees"
+        if placement.model.focal_source == "expected":
+            text += ", as expected: the pictures do not tell"
         findings.append(Finding("good", "lens", text))
     return findings
 

@@ -1,5 +1,6 @@
 """Poses from matches: estimated together with lenses, or known and triangulated only."""
 
+import dataclasses
 import itertools
 import tempfile
 from pathlib import Path
@@ -10,6 +11,7 @@ from jaxtyping import Float
 from gaussray.prepare.colmap import pycolmap
 from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.features import known_camera
+from gaussray.prepare.focal_length import expected_focal_lengths, settled_focal_length
 from gaussray.prepare.lens_models import LensKeyValues
 from gaussray.prepare.missing_poses import lacks_parallax, missing_poses_reason
 from gaussray.prepare.options import PosesOptions
@@ -40,10 +42,11 @@ def estimate_poses(database: Path, pictures: Path, options: PosesOptions) -> Spa
     Args:
         database: COLMAP database with keypoints and verified matches.
         pictures: folder of the pictures.
-        options: lens model and seed.
+        options: lens model, rough field of view and seed.
 
     Returns:
-        Of several reconstructions the one with most pictures, in an arbitrary frame and scale.
+        Of several reconstructions the one with most pictures, in an arbitrary frame and scale. Where
+        the pictures do not tell the focal length, it is a likely one (`settled_focal_length`).
 
     Raises:
         PrepareError: No poses or no points are found; the message says why.
@@ -71,7 +74,9 @@ def estimate_poses(database: Path, pictures: Path, options: PosesOptions) -> Spa
     # A camera that only turns gets arbitrary poses, with hardly a point.
     if best is None or not seen or lacks_parallax(database, seen):
         raise PrepareError(missing_poses_reason(database))
-    return sparse_model_of(best)
+    expected = expected_focal_lengths(database, options)
+    settled, source = settled_focal_length(best, expected)
+    return dataclasses.replace(sparse_model_of(settled), focal_source=source)
 
 
 # Largest coefficient of a lens that is known: no limit.

@@ -1,8 +1,10 @@
 """Photographs as cameras and phones store them: turned by a tag, or as HEIC."""
 
 import shutil
+import struct
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 from jaxtyping import Shaped
@@ -22,6 +24,10 @@ PHOTOGRAPH_SUFFIXES = (
 )
 # EXIF orientations from which on rows and columns are exchanged.
 _TRANSPOSED = 5
+# EXIF tags by which COLMAP knows a focal length, their numbers and types.
+_MAKER = {"Make": (271, str), "Model": (272, str)}
+_FOCAL = {"Exif:FocalLength": (37386, float), "Exif:FocalLengthIn35mmFilm": (41989, int)}
+_EXIF_BLOCK = 0x8769
 # Quality of the JPEG files that are written: errors of a fraction of a level.
 _QUALITY = "jpeg:97"
 
@@ -46,7 +52,8 @@ def copied_photograph(source: Path, folder: Path) -> Path:
 
     A file of a common format that stands upright is copied. One that its EXIF orientation turns
     becomes a JPEG of its pixels upright, a HEIC file a JPEG as well: a capture's readers, COLMAP
-    among them, read neither. One that exists with the time of its source is kept.
+    among them, read neither. Its focal length is kept (EXIF). A copy that exists with the time of
+    its source is kept.
 
     Args:
         source: The photograph.
@@ -67,12 +74,13 @@ def copied_photograph(source: Path, folder: Path) -> Path:
     target = folder / f"{source.name}.jpg"
     if not _is_of(target, source):
         if spec is None:
-            levels = _heic_levels(source)
+            levels, tags = _heic_levels(source), _heic_tags(source)
         else:
             levels = read_levels(source, spec.width, spec.height)
             levels = upright_pixels(levels, _orientation(spec))
+            tags = {name: spec.getattribute(name) for name in (*_MAKER, *_FOCAL)}
         with whole(target) as partial:
-            _write_jpeg(partial, levels)
+            _write_jpeg(partial, levels, tags)
             shutil.copystat(source, partial)
     return target
 
@@ -115,10 +123,13 @@ def _is_of(target: Path, source: Path) -> bool:
     return target.is_file() and target.stat().st_mtime_ns == source.stat().st_mtime_ns
 
 
-def _write_jpeg(path: Path, levels: np.ndarray) -> None:
+def _write_jpeg(path: Path, levels: np.ndarray, tags: dict[str, Any]) -> None:
     spec = oiio.ImageSpec(levels.shape[1], levels.shape[0], 3, "uint8")
     spec.attribute("Compression", _QUALITY)
     spec.attribute("jpeg:subsampling", "4:4:4")
+    for name, value in tags.items():
+        if value is not None:
+            spec.attribute(name, value)
     file = oiio.ImageOutput.create("jpeg")
     if file is None:
         raise OSError(f"{path}: the picture cannot be written: {complaint(oiio)}")
@@ -159,3 +170,20 @@ def _heic_levels(path: Path) -> Shaped[np.ndarray, "h w 3"]:
         message = f"{path}: the picture is truncated or corrupt: {error}. Copy it again."
         raise OSError(message) from None
     return levels[..., :3] if levels.ndim == 3 else np.repeat(levels[..., None], 3, axis=2)
+
+
+def _heic_tags(path: Path) -> dict[str, Any]:
+    from PIL import Image
+
+    exif = Image.Exif()
+    try:
+        exif.load(_opened_heic(path).info.get("exif") or b"")
+        parts = (_MAKER, exif), (_FOCAL, exif.get_ifd(_EXIF_BLOCK))
+        return {
+            name: kind(block[number])
+            for tags, block in parts
+            for name, (number, kind) in tags.items()
+            if number in block
+        }
+    except (ValueError, SyntaxError, TypeError, ZeroDivisionError, struct.error):
+        return {}  # Damaged tags: the focal length is estimated without them.

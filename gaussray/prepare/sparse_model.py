@@ -45,6 +45,8 @@ class SparseModel:
         lenses: Lens of each, keys of a capture's JSON.
         points: Points in world space.
         observations: Where they are seen.
+        focal_source: What tells the focal lengths: a `calibration`, the `pictures`, what was
+            `expected` before (`poses.fov`, EXIF), or nothing: a `guess`.
     """
 
     pictures: list[str]
@@ -52,6 +54,7 @@ class SparseModel:
     lenses: list[LensKeyValues]
     points: Float[np.ndarray, "points 3"]
     observations: Observations
+    focal_source: str = "calibration"
 
 
 def sparse_model_of(reconstruction: Any) -> SparseModel:

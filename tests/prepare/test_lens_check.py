@@ -1,5 +1,7 @@
 """Lenses that no camera has are told from those that some have."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -90,6 +92,22 @@ def test_a_calibration_is_refused_only_if_readers_refuse_its_lens(bend, level):
     if level != "good":
         assert finding.text.startswith("left: the calibration has distortion that turns back")
         assert finding.remedy
+
+
+@pytest.mark.parametrize(
+    ("source", "level", "text"),
+    [
+        ("pictures", "good", "horizontal fields of view of 72 degrees"),
+        ("expected", "good", "as expected: the pictures do not tell"),
+        ("guess", "warn", "72 degrees across the width are a guess"),
+    ],
+)
+def test_what_tells_the_focal_length_is_said(source, level, text):
+    placement = placed(lens("OPENCV", 400 / 0.9))
+    model = dataclasses.replace(placement.model, focal_source=source)
+    (finding,) = lens_findings(dataclasses.replace(placement, model=model, known=False))
+    assert finding.level == level and text in finding.text
+    assert ("poses.fov" in finding.remedy) == (level == "warn")
 
 
 def test_distortion_beyond_all_lenses_is_refused():

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from PIL import Image
+from PIL.TiffImagePlugin import IFDRational
 
 from gaussray.capture.picture_file import read_levels
 from gaussray.prepare.errors import PrepareError
@@ -90,3 +91,25 @@ def test_heic_without_its_reader_is_refused_with_the_remedy(tmp_path, monkeypatc
     (tmp_path / "a.heic").write_bytes(b"ftypheic")
     with pytest.raises(PrepareError, match=r"pip install 'gaussray\[prepare\]'"):
         photograph_size(tmp_path / "a.heic")
+
+
+def phone_tags():
+    exif = Image.Exif()
+    exif[271], exif[272], exif[274] = "Maker", "Phone", 6
+    exif[0x8769] = {37386: IFDRational(399, 100), 41989: 28}
+    return exif
+
+
+@pytest.mark.parametrize("suffix", ["jpg", "heic"])
+def test_copies_keep_the_focal_length(tmp_path, suffix):
+    # COLMAP starts from it; without it, the focal length is a guess.
+    if suffix == "heic":
+        pytest.importorskip("pillow_heif").register_heif_opener()
+    path = tmp_path / f"a.{suffix}"
+    Image.fromarray(colours()).save(path, quality=95, exif=phone_tags())
+    with Image.open(copied_photograph(path, tmp_path / "out")) as copy:
+        exif = copy.getexif()
+    assert (exif[271], exif[272]) == ("Maker", "Phone")
+    assert exif.get(274, 1) == 1
+    block = exif.get_ifd(0x8769)
+    assert (float(block[37386]), int(block[41989])) == (pytest.approx(3.99, abs=1e-3), 28)
