@@ -224,12 +224,31 @@ def _by_motion(videos: Sequence[Source], options: SyncOptions) -> Estimate:
         likeness[[i, j]] = np.maximum(likeness[[i, j]], value)
     shared = _shared_seconds(signals, found.offsets)
     confidence = found.contrast * np.clip(likeness, 0, 1) * np.clip(shared / _LONG, 0, 1)
-    begin = np.array([source.times[0] for source in videos])
-    offsets = found.offsets / MOTION_RATE + begin[0] - begin
     trusted = (confidence >= options.trust).copy()
     # The first camera's own offset is 0: what it cannot be compared with is not known either.
     trusted &= trusted[0]
-    return Estimate(np.where(trusted, offsets, np.nan), confidence, np.zeros(count))
+    late = np.where(trusted, found.offsets / MOTION_RATE, np.nan)
+    rate = min(source.rate for source in videos)
+    if is_one_recording([source.count for source in videos], late[trusted], rate):
+        late[trusted] = 0
+    begin = np.array([source.times[0] for source in videos])
+    return Estimate(late + begin[0] - begin, confidence, np.zeros(count))
+
+
+def is_one_recording(
+    counts: Sequence[int], offsets: Float[np.ndarray, " trusted"], rate: float
+) -> bool:
+    """Whether videos are of one recorder that starts and ends all cameras: they have equally many
+    frames, and less than a frame lies between their starts. Motion tells no shorter times: of a
+    man before four cameras at 6 frames a second it finds 0.12 s where there are at most 0.02.
+
+    Args:
+        counts: frames of each video.
+        offsets: seconds by which the first frame of each is late, as motion tells them, of those
+            for which it is trusted.
+        rate: frames per second of the slowest video.
+    """
+    return len(set(counts)) == 1 and len(offsets) > 1 and float(np.ptp(offsets)) * rate < 1
 
 
 def _shared_seconds(signals: Sequence[np.ndarray], offsets: np.ndarray) -> np.ndarray:

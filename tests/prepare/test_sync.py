@@ -10,7 +10,13 @@ from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.motion import MOTION_RATE, motion_scores, motion_signal
 from gaussray.prepare.options import SyncOptions
 from gaussray.prepare.sources import find_sources
-from gaussray.prepare.sync import Estimate, join_estimates, solve_offsets, synchronise
+from gaussray.prepare.sync import (
+    Estimate,
+    is_one_recording,
+    join_estimates,
+    solve_offsets,
+    synchronise,
+)
 
 
 SMALL = (80, 60)
@@ -139,6 +145,20 @@ def test_offsets_that_are_known_are_used(late):
     assert synchronise(find_sources(late[0]), options).offsets == {"a": 0, "b": 1.5, "c": 2}
     with pytest.raises(PrepareError, match="a number for each of the 3 cameras"):
         synchronise(find_sources(late[0]), SyncOptions(offsets=(1.0,)))
+
+
+@pytest.mark.parametrize(
+    ("counts", "offsets", "one"),
+    [
+        ([48, 48, 48], [0.0, 0.12, -0.02], True),
+        ([48, 48, 48], [0.0, 0.17, 0.0], False),
+        ([48, 48, 48], [0.0, 0.12, -0.06], False),
+        ([48, 47, 48], [0.0, 0.12, -0.02], False),
+        ([48, 48, 48], [0.0], False),
+    ],
+)
+def test_equal_videos_less_than_a_frame_apart_start_together(counts, offsets, one):
+    assert is_one_recording(counts, np.array(offsets), rate=6.0) is one
 
 
 def test_sound_is_not_demanded_of_silent_videos(late):
