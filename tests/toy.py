@@ -256,6 +256,7 @@ def overrides(options: eqx.Module) -> list[str]:
     return [
         f"{group}.{name}={list(value) if isinstance(value, tuple) else value}"
         for group, chosen in vars(options).items()
+        if isinstance(chosen, eqx.Module)
         for name, value in vars(chosen).items()
     ]
 

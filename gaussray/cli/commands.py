@@ -11,10 +11,11 @@ from gaussray.config.yaml_files import to_plain
 from gaussray.runtime.devices import DevicesOptions, begin, leads
 from gaussray.runtime.lock import lock_output
 from gaussray.runtime.progress import say
+from gaussray.runtime.provenance import given_keys
 
 
 def reconstruct_options(cfg: Configuration) -> Any:
-    """The ReconstructOptions of a configuration."""
+    """The ReconstructOptions of a configuration. Keys of the command line stay as they are set."""
     from gaussray.reconstruct import options as stage
 
     return stage.ReconstructOptions(
@@ -26,6 +27,7 @@ def reconstruct_options(cfg: Configuration) -> Any:
         density=build_options(stage.DensityOptions, cfg.density),
         trace=build_options(stage.TraceOptions, cfg.trace),
         need=build_options(stage.NeedOptions, cfg.need),
+        kept=given_keys(),
     )
 
 

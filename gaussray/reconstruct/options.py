@@ -161,7 +161,12 @@ class FitOptions(eqx.Module):
 
 
 class ReconstructOptions(eqx.Module):
-    """All options of `reconstruct`, one class per config group."""
+    """All options of `reconstruct`, one class per config group.
+
+    Args:
+        kept: Full names of keys (`fit.degree`) that fit=auto leaves as they are although they have
+            their default; all that differ from it stay in any case. The command line fills it.
+    """
 
     fit: FitOptions = eqx.field(default_factory=FitOptions)
     track: TrackOptions = eqx.field(default_factory=TrackOptions)
@@ -173,3 +178,4 @@ class ReconstructOptions(eqx.Module):
         default_factory=lambda: TraceOptions(levels=0, transmittance_min=1e-3)
     )
     need: NeedOptions = eqx.field(default_factory=NeedOptions)
+    kept: tuple[str, ...] = eqx.field(static=True, default=())

@@ -49,6 +49,11 @@ def command() -> str:
     return shlex.join(("gaussray", *_arguments.get())) if _arguments.get() else ""
 
 
+def given_keys() -> tuple[str, ...]:
+    """The keys that the command line sets (`fit.degree=0`), by their full names."""
+    return tuple(word.lstrip("+").partition("=")[0] for word in _arguments.get() if "=" in word)
+
+
 def versions() -> dict[str, str]:
     """Versions of the packages that results depend on, and the kind of device."""
     installed = {}

@@ -9,7 +9,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import equinox as eqx
 import numpy as np
@@ -30,8 +30,6 @@ from gaussray.reconstruct.data.segments import training_views
 from gaussray.reconstruct.data.still_cameras import one_at_a_time
 from gaussray.reconstruct.options import FitOptions, ReconstructOptions
 
-
-T = TypeVar("T", bound=eqx.Module)
 
 MOTION_NOUNS = {
     "deformation": "rigid bodies and a deformation field",
@@ -59,14 +57,15 @@ def effort(capture: Capture, options: ReconstructOptions, machine: Machine) -> E
 
     Args:
         capture: the capture, of which the training views count.
-        options: the options as set; what differs from its default stays.
+        options: the options as set; what differs from its default stays, and what is `kept`.
         machine: what the steps will run on.
     """
     if not options.fit.auto:
         return Effort(capture, options, "")
     views = training_views(capture)
     still = len({view.time for view in views}) == 1 or options.fit.motion == "none"
-    if options.fit.tiles != FitOptions().tiles:
+    if options.fit.tiles != FitOptions().tiles or "fit.tiles" in options.kept:
+        # Several GPUs share these tiles: each has fewer, and the rates are those of one.
         machine = machine._replace(gpus=1)
     names = ("none",) if still else motions(capture, options, machine)
     minutes = machine.minutes_for(_pixels(views), still=still)
@@ -85,8 +84,10 @@ def effort(capture: Capture, options: ReconstructOptions, machine: Machine) -> E
         chosen = transient_preset(pixels, minutes, machine, names[0])
     chosen = where_few_look(chosen, len(set(viewpoints(views))), machine)
     steps = options.fit.coarse, options.fit.fine
+    given = not {"fit.coarse", "fit.fine"}.isdisjoint(options.kept)
+    given |= steps != (FitOptions().coarse, FitOptions().fine)
     options = with_defaults(options, chosen)
-    if steps != (FitOptions().coarse, FitOptions().fine) or not chosen.fit.minutes:
+    if given or not chosen.fit.minutes:
         options = replace(options, fit=replace(options.fit, minutes=0.0))
     # A fit that is shorter than a trial is worth none.
     long = options.fit.minutes > 0 or options.fit.fine >= machine.trial_steps(names[0])
@@ -111,18 +112,25 @@ def with_defaults(options: ReconstructOptions, chosen: ReconstructOptions) -> Re
     """The options, with others in place of those that were not set.
 
     Args:
-        options: the options as set; what differs from its default stays.
+        options: the options as set; what differs from its default stays, and what is `kept`, unless
+            it says itself that it is to be chosen (`auto`, no minutes).
         chosen: the options to take where a default stands.
     """
-
-    def merged(given: T, default: T, other: T) -> T:
-        names = [field.name for field in dataclasses.fields(type(given))]
-        pairs = {name: (getattr(given, name), getattr(default, name)) for name in names}
-        return replace(other, **{name: own for name, (own, usual) in pairs.items() if own != usual})
-
     usual = ReconstructOptions()
-    parts = {n: merged(*(getattr(o, n) for o in (options, usual, chosen))) for n in _CHOSEN}
-    return replace(options, **parts)
+
+    def merged(part: str) -> eqx.Module:
+        given, default, other = (getattr(one, part) for one in (options, usual, chosen))
+        values = {field.name: getattr(given, field.name) for field in dataclasses.fields(given)}
+        stays = {
+            name: value
+            for name, value in values.items()
+            if value != getattr(default, name)
+            or f"{part}.{name}" in options.kept
+            and not (value == "auto" or name == "minutes")
+        }
+        return replace(other, **stays)
+
+    return replace(options, **{part: merged(part) for part in _CHOSEN})
 
 
 _CHOSEN = ("fit", "loss", "optimizer", "density", "trace", "track")

@@ -128,6 +128,20 @@ def test_what_is_set_stays_set():
     assert traced == TraceOptions(k=chosen.trace.k, levels=0, transmittance_min=0.0)
 
 
+def test_a_default_that_is_set_stays_too():
+    kept = ("fit.degree", "fit.tiles", "density.kind", "fit.minutes", "fit.motion", "out")
+    moving = effort(capture(times=(0.0, 1.0)), ReconstructOptions(kept=kept), GPU).options
+    assert moving.fit.motion != "auto"
+    chosen = effort(capture(), ReconstructOptions(kept=kept), GPU).options
+    assert chosen.fit.degree == 0 and chosen.fit.tiles == FitOptions().tiles
+    assert chosen.density.kind == DensityOptions().kind and chosen.density.gaussians > 0
+    # These say themselves that they are to be chosen.
+    assert chosen.fit.minutes > 0
+    # Steps that are set hold, whatever the time.
+    steps = effort(capture(), ReconstructOptions(kept=("fit.fine",)), GPU).options.fit
+    assert (steps.minutes, steps.coarse, steps.fine) == (0, 300, 2500)
+
+
 def test_given_steps_are_done_however_long_they_take():
     options = ReconstructOptions(fit=FitOptions(coarse=10, fine=20))
     chosen = effort(capture(times=(0.0, 1.0)), options, GPU)
