@@ -6,7 +6,7 @@ python -m benchmarks.trade --scene RUN
 From k = 8, the published cut-offs, bundles of 8 x 8 and key states as many as it takes, on the
 generated dynamic room or a trained scene:
 
-  preset        conf/trace: exact, balanced, fast; a pinhole's frame
+  preset        conf/trace: exact, default (balanced), fast; a pinhole's frame
   k, alpha_min, transmittance_min, bundle    a pinhole's frame
   time          key states (2, 3, 5) against blocks of 16, 4 and 1 rows of a rolling shutter
   lens          rays a pixel through an aperture

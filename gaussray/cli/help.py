@@ -15,7 +15,7 @@ COMMANDS = {
     "evaluate": "score a scene against the pictures of a capture",
     "calibrate": "find the cameras of pictures of a known scene, with standard errors",
     "import": "convert a 3D Gaussian Splatting or 4DGaussians model to a scene",
-    "export": "convert a scene at one time to a 3D Gaussian Splatting model",
+    "export": "write a scene for other programs: PLY, SPZ, glTF, OpenUSD, FreeTimeGS",
     "pack": "copy a rendered dataset into tar files (WebDataset) or the layout of other tools",
 }
 # Meaning of the exit codes.

@@ -71,8 +71,9 @@ def evaluate(
 
     Returns:
         The content of report.json. Under `effects`, for each effect: means over the pictures of
-        `psnr` (dB) and `ssim`; the same inside the lens's field of view (`masked`) and inside the
-        disc that the fisheye benchmark scores (`circle`), where these are not the whole picture;
+        `psnr` (dB) and `ssim`; the same inside the lens's field of view (`psnr_masked`) and inside
+        the disc that the fisheye benchmark scores (`psnr_circle`), where these are not the whole
+        picture;
         PSNR of moving pixels; `flicker` of static pixels beside the capture's own; FLIP and LPIPS
         if their packages are installed; frames per second without compilation; under `parts` the
         same for training views, held-out cameras and held-out times.

@@ -67,7 +67,9 @@ def scores_text(report: dict[str, Any]) -> str:
     measured = {key for _, row in rows for key in row}
     columns = [c for c in COLUMNS if c[1] in measured or c[1] not in OPTIONAL]
     lines = [("effect", [head for head, _, _ in columns])]
-    lines += [(n, [_figure(row.get(key), digits) for _, key, digits in columns]) for n, row in rows]
+    lines += [
+        (n, [figure_text(row.get(key), digits) for _, key, digits in columns]) for n, row in rows
+    ]
     widths = [max(len(head) + 2, 8) for head, _, _ in columns]
     return "\n".join(
         f"{name:<20}" + "".join(f"{v:>{w}}" for v, w in zip(values, widths, strict=True))
@@ -92,5 +94,11 @@ def _means(rows: Sequence[dict[str, Any]], samples: int) -> dict[str, Any]:
     return means | {"samples": samples, "frames": len(rows)}
 
 
-def _figure(value: float | int | None, digits: int) -> str:
+def figure_text(value: float | int | None, digits: int) -> str:
+    """A figure of a table with so many digits, "-" if there is none.
+
+    Args:
+        value: the figure.
+        digits: digits after the point.
+    """
     return "-" if value is None else f"{value:.{digits}f}"

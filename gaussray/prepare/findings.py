@@ -199,8 +199,8 @@ def lens_findings(placement: Placement) -> list[Finding]:
     across = f"{min(fovs)}" if min(fovs) == max(fovs) else f"{min(fovs)} to {max(fovs)}"
     if placement.model.focal_source == "guess":
         text = (
-            "the pictures do not tell the focal length: one 20 % shorter or longer explains them as "
-            f"well; {across} degrees across the width are a guess"
+            "the pictures do not tell the focal length: one 20 % shorter or longer explains them "
+            f"as well; {across} degrees across the width are a guess"
         )
         remedy = "If you know the lens, poses.fov=DEGREES; or give a calibration."
         findings.append(Finding("warn", "lens", text, remedy))

@@ -45,8 +45,9 @@ def estimate_poses(database: Path, pictures: Path, options: PosesOptions) -> Spa
         options: lens model, rough field of view and seed.
 
     Returns:
-        Of several reconstructions the one with most pictures, in an arbitrary frame and scale. Where
-        the pictures do not tell the focal length, it is a likely one (`settled_focal_length`).
+        Of several reconstructions the one with most pictures, in an arbitrary frame and scale.
+        Where the pictures do not tell the focal length, it is a likely one
+        (`settled_focal_length`).
 
     Raises:
         PrepareError: No poses or no points are found; the message says why.

@@ -200,9 +200,9 @@ def _transients(
         if moved is not None and not moved.tile_counts().any():
             return None
         warnings.warn(
-            "stereo finds no points in what moves, so there are no transient Gaussians, and "
-            "nothing moves. If something does: fit.motion=deformation (or from_rest, if most times "
-            "have a single picture) needs no points of it.",
+            "Stereo finds no points on moving things, so the scene will be static. If something "
+            "moves, set fit.motion=deformation, or from_rest if most times have a single picture: "
+            "these begin without such points.",
             CaptureWarning,
             stacklevel=2,
         )

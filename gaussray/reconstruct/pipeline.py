@@ -74,7 +74,7 @@ def reconstruct(
     (options.fit.motion), there is no coarse stage; where cameras move, these and control points
     have one of all times, which fits what stands still; for control points that begin at rest it
     sees a short while. Where options.fit.auto leaves open what shows motion, short fits without
-    some pictures decide (`trial`).
+    some pictures decide (`with_motion_tried`).
 
     A capture of more than options.fit.segment times becomes a clip, one segment after another. Each
     segment loads its own pictures, starts from the end of the one before, and is kept in

@@ -8,7 +8,7 @@ import numpy as np
 
 from gaussray.capture.picture_file import read_stored
 from gaussray.evaluate.pipeline import SCORES
-from gaussray.evaluate.scores import COLUMNS
+from gaussray.evaluate.scores import COLUMNS, figure_text
 from gaussray.report.chart import Curve, chart
 from gaussray.report.markup import Markup, tag
 from gaussray.report.page import Section, html_table, note
@@ -38,7 +38,7 @@ def score_table(report: dict[str, Any]) -> Section | None:
     measured = {key for _, row in rows for key in row}
     columns = [c for c in COLUMNS if c[1] in measured]
     columns = [*columns, ("rays per pixel", "samples", 0)]
-    body = [[name, *(_figure(row.get(key), n) for _, key, n in columns)] for name, row in rows]
+    body = [[name, *(figure_text(row.get(key), n) for _, key, n in columns)] for name, row in rows]
     words = (
         "PSNR in dB between 8-bit sRGB pictures, mean over the pictures. Masked: inside the lens's "
         "field of view. Moving: over pixels that change in time. Flicker: standard deviation over "
@@ -106,7 +106,3 @@ def _series(scores: Sequence[dict[str, Any]]) -> tuple[np.ndarray, np.ndarray]:
     ranked = sorted(scores, key=lambda line: line["time"])
     psnr = [np.nan if line["psnr"] is None else line["psnr"] for line in ranked]
     return np.array([line["time"] for line in ranked]), np.array(psnr, float)
-
-
-def _figure(value: float | int | None, digits: int) -> str:
-    return "-" if value is None else f"{value:.{digits}f}"

@@ -17,6 +17,8 @@ _OTHER = ("segment", "stage", "step", "seconds", "psnr", "gaussians", "mse")
 TERMS = {
     "l1": "L1",
     "dssim": "1 - SSIM",
+    "nothing": "opacity before the plain backdrop",
+    "rigid": "control points: neighbours that move apart",
     "one": "planes: distance from 1",
     "space": "planes: smoothness in space",
     "time": "planes: smoothness in time",

@@ -72,7 +72,8 @@ STATIC, FREE = 1, 2
 
 
 def group_of(scene: Scene) -> Int[Array, " gaussians"]:
-    """Group of every Gaussian: 1 is static, 2 deforms or is transient, 3 + b is rigid body b."""
+    """Group of every Gaussian: 1 is static, 2 moves but belongs to no rigid
+    body (deforms or is transient), 3 + b is rigid body b."""
     transient = jnp.full(transient_count(scene), FREE, jnp.int32)
     return jnp.concatenate([_persistent_groups(scene), transient])
 

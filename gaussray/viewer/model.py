@@ -83,7 +83,7 @@ class ViewerModel:
         self.first_view = self._first_view(options.camera)
         self.fov = horizontal_fov(self.first_view.camera)
         self.initial_values = self._initial_values(cfg, options)
-        # Controls use scene units; `applied` has converted millimetres and milliseconds.
+        # Controls use scene units; `options` has converted millimetres and milliseconds.
         other_words = [word for word in words if not word.startswith("physical")]
         self._variations = Variations("view", other_words)
         self._configuration_for = functools.lru_cache(64)(self._compose)

@@ -220,7 +220,7 @@ def test_a_fault_of_ours_is_raised_and_ends_with_one(monkeypatch):
         (["reconstruct", "capture.path=x", "out=x", "+fit.steps=3"], "fit.steps is unknown"),
         (
             ["reconstruct", "capture.path=x", "out=x", "trace=quick"],
-            "trace must be one of balanced, default, exact, fast, fit, fit_far",
+            "trace must be one of default, exact, fast, fit, fit_far",
         ),
         (["reconstruct", "capture.path=x", "out=x", "--fast"], "--fast"),
         (

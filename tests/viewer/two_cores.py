@@ -1,4 +1,4 @@
-"""What `test_sketch.py` runs where JAX has two devices: they make what one renders."""
+"""What `test_preview.py` runs where JAX has two devices: they make what one renders."""
 
 import sys
 from pathlib import Path

@@ -1,6 +1,5 @@
 """Reads COLMAP's model files, binary or text: cameras, images and points."""
 
-import os
 import struct
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -12,7 +11,7 @@ from gaussray.capture.errors import CaptureError
 from gaussray.capture.points import Points
 from gaussray.capture.world_origin import counted_positions
 from gaussray.color import srgb_decode
-from gaussray.io.safe.files import opened, read_text
+from gaussray.io.safe.files import read_binary, read_text
 from gaussray.io.safe.limits import within
 
 
@@ -142,17 +141,11 @@ def _points(path, table) -> Points | None:
     return Points(counted_positions(rows[:, :3]).astype(np.float32), color.astype(np.float32))
 
 
-def _bytes(path: Path) -> bytes:
-    with opened(path) as file:
-        within(path, "the file in GB", os.fstat(file.fileno()).st_size, "arrays", 1e9)
-        return file.read()
-
-
 class _Bytes:
     """Reads a little-endian binary file from its start, never beyond its end."""
 
     def __init__(self, path: Path):
-        self.path, self.data, self.at = path, _bytes(path), 0
+        self.path, self.data, self.at = path, read_binary(path), 0
 
     def unpack(self, layout: str) -> tuple:
         size = struct.calcsize("<" + layout)

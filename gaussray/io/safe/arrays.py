@@ -44,7 +44,7 @@ def read_npz(path: Path | str) -> dict[str, np.ndarray]:
         with opened(path) as file, zipfile.ZipFile(file) as archive:
             entries = archive.infolist()
             if len({entry.filename for entry in entries}) < len(entries):
-                raise Damaged(f"{path}: two arrays have one name.")
+                raise Damaged(f"{path}: two arrays have one name. Save it again with numpy.savez.")
             total = sum(entry.file_size for entry in entries)
             within(path, "the arrays in GB", total, "arrays", 1e9)
             return {
@@ -70,7 +70,10 @@ def read_npy(path: Path | str) -> np.ndarray:
 
 def _entry(path: Path | str, archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> np.ndarray:
     if entry.compress_type not in _METHODS:
-        raise Damaged(f"{path}: '{entry.filename:.80}' is packed by another method than deflate.")
+        raise Damaged(
+            f"{path}: '{entry.filename:.80}' is packed by another method than deflate. Save it "
+            "again with numpy.savez_compressed."
+        )
     with archive.open(entry) as file:
         return _array(f"{path}: '{entry.filename:.80}'", file, entry.file_size)  # type: ignore[arg-type]
 

@@ -42,6 +42,13 @@ def opened(path: Path | str) -> io.BufferedReader:
     return os.fdopen(number, "rb")
 
 
+def read_binary(path: Path | str) -> bytes:
+    """The bytes of a binary file of at most limits.arrays gigabytes."""
+    with opened(path) as file:
+        within(path, "the file in GB", os.fstat(file.fileno()).st_size, "arrays", 1e9)
+        return file.read()
+
+
 def read_text(path: Path | str) -> bytes:
     """The bytes of a text file of at most limits.text megabytes."""
     with opened(path) as file:

@@ -61,7 +61,10 @@ def with_motion_tried(
     else:
         scores = {}
         if rivals:
-            say("Short fits of some minutes, without some pictures, tell what shows motion best.")
+            say(
+                "Trial: short fits, each scored on pictures that it did not see, choose the model "
+                "of motion (fit.motion)."
+            )
             tried = {name: rival.options for name, rival in rivals.items()}
             scores = motion_trial_scores(fits, tried, steps)
         if leads():

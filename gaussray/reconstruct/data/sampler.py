@@ -22,8 +22,8 @@ class TileErrors:
 
     It is an exponential mean over all times: 1000 steps draw a tile of one time hardly once, but
     the same tile of a camera as often as there are times. A tile that was never drawn has the
-    largest error. Errors given to `tell` count after `learn`, so that a block can be drawn while
-    the device works on the one before.
+    largest error. Errors given to `note_errors` count after `learn`, so that a block can be drawn
+    while the device works on the one before.
 
     Args:
         camera: number of the fixed viewpoint of each frame.

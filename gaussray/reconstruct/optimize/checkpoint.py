@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -20,6 +21,9 @@ from gaussray.scene.gaussians import Unconstrained
 from gaussray.scene.named_arrays import deformation_from, named_arrays
 from gaussray.scene.shading import Shading
 from gaussray.scene.transient import UnconstrainedTransients
+
+
+PartT = TypeVar("PartT")
 
 
 _FORMAT, _VERSION = "gaussray-checkpoint", 2
@@ -66,8 +70,8 @@ def load_checkpoint(path: Path) -> tuple[State, RunProgress]:
             _unconstrained(array, f"{prefix}.moving"),
             deformation_from(array, f"{prefix}.deformation", path),
             _corrections(array, f"{prefix}.corrections"),
-            _transients(array, f"{prefix}.transient"),
-            _shading(array, f"{prefix}.shading"),
+            _part(UnconstrainedTransients, array, f"{prefix}.transient"),
+            _part(Shading, array, f"{prefix}.shading"),
         )
 
     def statistic(name: str) -> GradientStatistic:
@@ -146,20 +150,12 @@ def _unconstrained(array: dict[str, np.ndarray], prefix: str) -> Unconstrained:
     return Unconstrained(*(jnp.asarray(array[f"{prefix}.{name}"]) for name in names))
 
 
-def _transients(array: dict[str, np.ndarray], prefix: str) -> UnconstrainedTransients | None:
-    """The transient Gaussians among named arrays, None if there are none."""
-    names = UnconstrainedTransients.__dataclass_fields__
+def _part(kind: type[PartT], array: dict[str, np.ndarray], prefix: str) -> PartT | None:
+    """The part of the parameters whose fields are named arrays, None if the fit has none."""
+    names = kind.__dataclass_fields__  # type: ignore[attr-defined]
     if not any(f"{prefix}.{name}" in array for name in names):
         return None
-    return UnconstrainedTransients(*(jnp.asarray(array[f"{prefix}.{name}"]) for name in names))
-
-
-def _shading(array: dict[str, np.ndarray], prefix: str) -> Shading | None:
-    """The shading among named arrays, None if there is none."""
-    names = Shading.__dataclass_fields__
-    if not any(f"{prefix}.{name}" in array for name in names):
-        return None
-    return Shading(*(jnp.asarray(array[f"{prefix}.{name}"]) for name in names))
+    return kind(*(jnp.asarray(array[f"{prefix}.{name}"]) for name in names))
 
 
 def _corrections(array: dict[str, np.ndarray], prefix: str) -> Corrections | None:

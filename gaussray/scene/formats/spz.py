@@ -11,7 +11,6 @@ back, against right, down, forward of PLY files: y and z change sign.
 """
 
 import gzip
-import os
 import zlib
 from collections.abc import Sequence
 from importlib import import_module
@@ -22,7 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaussray.io.atomic import whole
-from gaussray.io.safe.files import opened
+from gaussray.io.safe.files import opened, read_binary
 from gaussray.io.safe.limits import within
 from gaussray.scene.gaussians import Gaussians
 
@@ -52,7 +51,7 @@ def read_spz(path: Path | str) -> Gaussians:
     """
     with opened(path) as file:
         plain = file.read(4) == MAGIC
-    data = _whole(path) if plain else _gunzip(path)
+    data = read_binary(path) if plain else _gunzip(path)
     if len(data) < _HEADER.itemsize or data[:4] != MAGIC:
         raise ValueError(f"{path}: must be an SPZ file (magic NGSP), got {data[:4]!r}.")
     head = np.frombuffer(data, _HEADER, 1)[0]
@@ -183,16 +182,9 @@ def write_spz(path: Path | str, gaussians: Gaussians, version: int = 3) -> None:
         partial.write_bytes(content)
 
 
-def _whole(path: Path | str) -> bytes:
-    """The bytes of a file, of at most limits.arrays."""
-    with opened(path) as file:
-        within(path, "the file in GB", os.fstat(file.fileno()).st_size, "arrays", 1e9)
-        return file.read()
-
-
 def _gunzip(path: Path | str) -> bytes:
     """The bytes of a gzip file, of at most limits.arrays."""
-    packed, unpacker = _whole(path), zlib.decompressobj(wbits=31)
+    packed, unpacker = read_binary(path), zlib.decompressobj(wbits=31)
     try:
         size = min(len(packed) * 1032 + 64, 1 << 62)
         data = unpacker.decompress(packed, size)
