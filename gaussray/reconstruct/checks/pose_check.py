@@ -26,17 +26,20 @@ from gaussray.reconstruct.initialize.stereo.matching import reduction
 _VIEWS, _PAIRS = 24, 6
 # Pixels of a picture in which details are sought, at most, and details of one, the strongest.
 _PIXELS, _DETAILS = 70_000, 600
-# Least cosine between the directions in which neighbours look: else they share little.
-_ALIKE = 0.8
+# Least cosine between the directions in which neighbours look: else they share little. Below the
+# other one they look so differently that wrong axes show: these leave details of neighbours that
+# look the same way less than a pixel off.
+_ALIKE, _TURNED = 0.8, 0.97
 # A match is believed if the second best is this much worse (Lowe's ratio).
 _RATIO = 0.8
 # Pixels of the reduced pictures off their lines, in the median, from which on poses are wrong, by
 # the least number of matches: few may be wrong themselves, many are not. Wrong matches, and lenses
 # that are a little off, cost less.
 _WRONG = ((15, 10.0), (40, 4.0), (150, 1.5))
-# Where other axes explain so many matches to less than the third, and so many times as well, poses
-# that are this far off are wrong.
-_FEWEST, _DOUBTED, _RIGHT, _BETTER = 40, 1.5, 1.0, 5.0
+# Poses must be read otherwise if they are more than so many pixels off, and other axes explain at
+# least so many matches to less than the last number, and so many times as well. Of eight captures
+# five had matches in turned pairs: 0.3 to 1.2 pixels with their own axes, 2.6 to 31 with others.
+_DOUBTED, _FEWEST, _BETTER, _RIGHT = 1.5, 30, 3.0, 1.5
 _FLIP = np.diag(BLENDER_AXES)
 
 # What the poses of a file may be instead, and what to do about it.
@@ -51,11 +54,11 @@ REMEDIES = {
 }
 
 
-class PoseCheck(NamedTuple):
-    """How far matched details lie off their epipolar lines.
+class Misfit(NamedTuple):
+    """How far the matched details of some pairs of pictures lie off their epipolar lines.
 
     Args:
-        matches: number of matches, of all pairs of pictures.
+        matches: number of matches, of all pairs.
         error: median distance in pixels of pictures of at most 70,000 pixels, as the poses are.
         others: the same as the poses would be, read otherwise (REMEDIES).
     """
@@ -72,16 +75,36 @@ class PoseCheck(NamedTuple):
         right = self.others[best] < min(_RIGHT, self.error / _BETTER)
         return best if doubted and right else ""
 
+
+class PoseCheck(NamedTuple):
+    """What matched details say of the poses.
+
+    Args:
+        near: those of pictures taken close to each other.
+        turned: those of pictures that look in different directions.
+    """
+
+    near: Misfit
+    turned: Misfit
+
+    @property
+    def reading(self) -> str:
+        """How the poses must be read so that they fit; empty if as they are, or if none does."""
+        return self.near.reading or self.turned.reading
+
     @property
     def sentence(self) -> str:
         """What is wrong; empty if nothing is, or if there are too few matches to tell."""
-        wrong = any(self.matches >= least and self.error > most for least, most in _WRONG)
+        count, error, _ = self.near
+        wrong = any(count >= least and error > most for least, most in _WRONG)
         if not (self.reading or wrong):
             return ""
+        if self.reading and not (wrong or self.near.reading):
+            count, error, _ = self.turned
         text = (
             "pictures and poses do not fit together: details that neighbouring pictures share lie "
-            f"{self.error:.1f} pixels off where the poses put them (median of {self.matches}; "
-            "usual are less than 1). "
+            f"{error:.1f} pixels off where the poses put them (median of {count}; usual are less "
+            "than 1). "
         )
         if self.reading:
             return f"{text}They fit if the poses are {REMEDIES[self.reading]}."
@@ -111,26 +134,30 @@ def pose_check(footage: Footage) -> PoseCheck:
     pose = jax.tree.map(lambda x: np.asarray(x)[chosen, 0], footage.camera.trajectory)
     rotation = np.asarray(rotation_matrix(jnp.asarray(pose.quat)), np.float64)
     eye = np.asarray(pose.translation, np.float64)
-    seen: dict[int, _Details] = {}
-    matched = []
-    for pair in _pairs(rotation, eye):
-        for k in pair:
-            if k not in seen:
-                seen[k] = _details(footage, int(chosen[k]))
-        matched.append((*pair, *_matches(seen[pair[0]], seen[pair[1]])))
     readings = {
         "": (rotation, eye),
         "opencv": (rotation @ _FLIP, eye),
         "inverse": _inverse(rotation @ _FLIP, eye, _FLIP),
         "opencv_inverse": _inverse(rotation @ _FLIP, eye, np.eye(3)),
     }
-    errors = {
-        name: np.concatenate([_off_line(*poses, *match) for match in matched] or [np.zeros(0)])
-        for name, poses in readings.items()
-    }
-    count = len(errors[""])
-    medians = {name: float(np.median(x)) if count else 0.0 for name, x in errors.items()}
-    return PoseCheck(count, medians.pop(""), medians)
+    seen: dict[int, _Details] = {}
+
+    def misfit(most_alike: float) -> Misfit:
+        matched = []
+        for pair in _pairs(rotation, eye, most_alike):
+            for k in pair:
+                if k not in seen:
+                    seen[k] = _details(footage, int(chosen[k]))
+            matched.append((*pair, *_matches(seen[pair[0]], seen[pair[1]])))
+        errors = {
+            name: np.concatenate([_off_line(*poses, *match) for match in matched] or [np.zeros(0)])
+            for name, poses in readings.items()
+        }
+        count = len(errors[""])
+        medians = {name: float(np.median(x)) if count else 0.0 for name, x in errors.items()}
+        return Misfit(count, medians.pop(""), medians)
+
+    return PoseCheck(misfit(1.0), misfit(_TURNED))
 
 
 class _Details(NamedTuple):
@@ -142,12 +169,15 @@ class _Details(NamedTuple):
 
 
 def _pairs(
-    rotation: Float[np.ndarray, "views 3 3"], eye: Float[np.ndarray, "views 3"]
+    rotation: Float[np.ndarray, "views 3 3"],
+    eye: Float[np.ndarray, "views 3"],
+    most_alike: float,
 ) -> list[tuple[int, int]]:
-    """Pairs of views that look alike and stand close to each other, evenly spread."""
+    """Pairs of views that look about the same way, but not more so than a cosine, and stand close
+    to each other, evenly spread."""
     apart = np.linalg.norm(eye[:, None] - eye[None], axis=-1)
     alike = rotation[:, :, 2] @ rotation[:, :, 2].T
-    apart[(alike < _ALIKE) | (apart == 0)] = np.inf
+    apart[(alike < _ALIKE) | (alike > most_alike) | (apart == 0)] = np.inf
     nearest = np.argmin(apart, axis=1)
     found = {
         (min(k, int(n)), max(k, int(n))) for k, n in enumerate(nearest) if np.isfinite(apart[k, n])

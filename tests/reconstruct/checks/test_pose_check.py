@@ -12,6 +12,7 @@ from gaussray.dataset.images import write_image
 from gaussray.reconstruct.checks import pose_check as checked
 from gaussray.reconstruct.checks.pose_check import (
     REMEDIES,
+    Misfit,
     PoseCheck,
     pose_check,
     warn_of_wrong_poses,
@@ -92,14 +93,35 @@ WRITTEN = {
 @pytest.mark.parametrize("reading", WRITTEN)
 def test_details_tell_how_poses_must_be_read(shown, reading):
     found = pose_check(shown(reading or "right", WRITTEN[reading]))
-    assert found.matches >= checked._FEWEST and found.others.keys() == REMEDIES.keys()
-    errors = {"": found.error, **found.others}
+    near = found.near
+    assert near.matches >= checked._FEWEST and near.others.keys() == REMEDIES.keys()
+    errors = {"": near.error, **near.others}
     if reading:
-        assert found.reading == reading and errors[reading] < PIXELS < 5 * PIXELS < found.error
+        assert found.reading == reading and errors[reading] < PIXELS < 5 * PIXELS < near.error
         assert f"They fit if the poses are {REMEDIES[reading]}." in found.sentence
     else:
-        assert found.error < PIXELS and found.reading == found.sentence == ""
-        assert min(found.others.values()) > 5 * PIXELS
+        assert near.error < PIXELS and found.reading == found.sentence == ""
+        assert min(near.others.values()) > 5 * PIXELS
+
+
+def test_pictures_that_look_elsewhere_tell_axes_where_neighbours_do_not():
+    alike = Misfit(449, 0.7, {**dict.fromkeys(REMEDIES, 1.6), "opencv": 0.15})
+    turned = Misfit(93, 4.1, {**dict.fromkeys(REMEDIES, 9.0), "opencv": 0.9})
+    found = PoseCheck(alike, turned)
+    assert found.reading == "opencv" and "4.1 pixels off" in found.sentence
+    # Few matches, or another reading that is hardly better, tell nothing.
+    assert PoseCheck(alike, turned._replace(matches=29)).sentence == ""
+    assert PoseCheck(alike, turned._replace(error=2.6)).sentence == ""
+
+
+def test_turned_pairs_leave_out_views_that_look_the_same_way():
+    angles = np.array([0.0, 0.1, 0.4, 0.5])
+    turns = np.array(
+        [[[np.cos(a), 0, np.sin(a)], [0, 1, 0], [-np.sin(a), 0, np.cos(a)]] for a in angles]
+    )
+    eye = np.stack([angles, 0 * angles, 0 * angles], axis=1)
+    assert checked._pairs(turns, eye, 1.0) == [(0, 1), (2, 3)]
+    assert checked._pairs(turns, eye, checked._TURNED) == [(0, 2), (1, 2), (1, 3)]
 
 
 def test_poses_of_something_else_fit_in_no_reading(shown):
@@ -115,7 +137,7 @@ def test_poses_of_something_else_fit_in_no_reading(shown):
 def test_nothing_is_said_of_pictures_without_details(shown, monkeypatch):
     monkeypatch.setattr(checked, "_DETAILS", 6)
     found = pose_check(shown("few", WRITTEN["opencv"]))
-    assert found.matches < checked._FEWEST and found.sentence == ""
+    assert found.near.matches < checked._FEWEST and found.sentence == ""
 
 
 @pytest.mark.parametrize(
@@ -132,5 +154,6 @@ def test_nothing_is_said_of_pictures_without_details(shown, monkeypatch):
     ],
 )
 def test_the_more_details_match_the_less_they_may_be_off(matches, error, wrong):
-    found = PoseCheck(matches, error, dict.fromkeys(REMEDIES, error))
+    nothing = Misfit(0, 0.0, dict.fromkeys(REMEDIES, 0.0))
+    found = PoseCheck(Misfit(matches, error, dict.fromkeys(REMEDIES, error)), nothing)
     assert bool(found.sentence) == wrong
