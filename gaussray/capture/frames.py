@@ -28,6 +28,8 @@ from gaussray.color import srgb_decode, srgb_encode
 
 
 COLOR_SPACES = ("srgb", "linear")
+# Linear light from which on a TIFF file surely holds levels; white is 1.
+_BRIGHTEST = 64.0
 # Pictures that are decoded or averaged at the same time, and those that wait in the queue.
 _THREADS, _AHEAD = 4, 8
 # What becomes of alpha below 1, by `background`.
@@ -179,10 +181,21 @@ def _encoded_part(view: PictureFile, stored: np.ndarray) -> np.ndarray:
     if bytes_stay:
         return part
     if not integers:
+        _check_light(view, part)
         return srgb_encode(part.astype(np.float64)).astype(np.float32)
     levels = np.iinfo(part.dtype).max
     table = np.arange(levels + 1) / levels
     return (table if srgb else srgb_encode(table)).astype(np.float32)[part]
+
+
+def _check_light(view: PictureFile, stored: np.ndarray) -> None:
+    """Refuse levels that a TIFF file stores as floating-point numbers: these are linear light."""
+    most = float(stored.max(initial=0))
+    if view.image.suffix.lower() in (".tif", ".tiff") and most > _BRIGHTEST:
+        raise CaptureError(
+            f"{view.image}: a picture of floating-point numbers must hold linear light, 1 for "
+            f"white, got values up to {most:.4g}. Save it with 8 or 16 bits a channel."
+        )
 
 
 def _light(stored: np.ndarray, color_space: str) -> np.ndarray:

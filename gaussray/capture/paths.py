@@ -69,7 +69,7 @@ def _unrolled(keys):
 
 def _of_text(path):
     try:
-        lines = read_text(path).decode("utf-8").splitlines()
+        lines = read_text(path).decode("utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise OSError(f"trajectory.file={path}: cannot be read: {error}") from error
     rows = []

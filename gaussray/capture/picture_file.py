@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from gaussray.capture.errors import CaptureError
+from gaussray.capture.orientation import is_turned, stored_orientation, upright_pixels
 from gaussray.capture.videos import frame_of, read_frame, read_video
 from gaussray.capture.window import Window
 from gaussray.io.safe.files import opened
@@ -104,6 +105,9 @@ def read_with_alpha(
 ) -> StoredPicture:
     """Stored values of a picture, as `read_stored` gives them, and its alpha.
 
+    One that is stored lying, and that its EXIF orientation turns to the size that it must have, is
+    turned.
+
     Args:
         path: the file, or a frame of a video, which has no alpha.
         width: columns that the file must have.
@@ -122,6 +126,13 @@ def read_with_alpha(
         return StoredPicture(pixels, None)
     file = open_image(path)
     spec = file.spec()
+    if is_turned(spec, width, height):
+        file.close()
+        way = stored_orientation(spec)
+        values, alpha = read_with_alpha(path, height, width, background)
+        return StoredPicture(
+            upright_pixels(values, way), None if alpha is None else upright_pixels(alpha, way)
+        )
     check_size(path, (spec.width, spec.height), width, height)
     kind = {oiio.UINT8: "uint8", oiio.UINT16: "uint16"}.get(spec.format.basetype, "float32")
     channels = _color_channels(spec)
@@ -188,7 +199,9 @@ def check_images(views: Sequence[PictureFile]) -> None:
     wrong = []
     for view in views:
         try:
-            check_size(view.image, picture_size(view.image), *stored_size(view))
+            size = stored_size(view)
+            turned = not frame_of(view.image) and is_turned(open_image(view.image).spec(), *size)
+            check_size(view.image, size if turned else picture_size(view.image), *size)
         except (OSError, CaptureError) as error:
             wrong.append(str(error))
     if wrong:

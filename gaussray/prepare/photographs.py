@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Shaped
 
+from gaussray.capture.orientation import TRANSPOSED, stored_orientation, upright_pixels
 from gaussray.capture.picture_file import open_image, read_levels
 from gaussray.io.atomic import whole
 from gaussray.io.safe.limits import within
@@ -22,8 +23,6 @@ PHOTOGRAPH_SUFFIXES = (
     *(".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp"),
     *HEIC_SUFFIXES,
 )
-# EXIF orientations from which on rows and columns are exchanged.
-_TRANSPOSED = 5
 # EXIF tags by which COLMAP knows a focal length, their numbers and types.
 _MAKER = {"Make": (271, str), "Model": (272, str)}
 _FOCAL = {"Exif:FocalLength": (37386, float), "Exif:FocalLengthIn35mmFilm": (41989, int)}
@@ -42,7 +41,7 @@ def photograph_size(path: Path) -> tuple[int, int]:
     if path.suffix.lower() in HEIC_SUFFIXES:
         return _opened_heic(path).size
     spec = open_image(path).spec()
-    if _orientation(spec) >= _TRANSPOSED:
+    if stored_orientation(spec) >= TRANSPOSED:
         return spec.height, spec.width
     return spec.width, spec.height
 
@@ -67,7 +66,7 @@ def copied_photograph(source: Path, folder: Path) -> Path:
         PrepareError: It is a HEIC file, and pillow-heif is not installed.
     """
     spec = None if source.suffix.lower() in HEIC_SUFFIXES else open_image(source).spec()
-    if spec is not None and _orientation(spec) == 1:
+    if spec is not None and stored_orientation(spec) == 1:
         target = folder / source.name
         copy_changed(source, target)
         return target
@@ -77,29 +76,12 @@ def copied_photograph(source: Path, folder: Path) -> Path:
             levels, tags = _heic_levels(source), _heic_tags(source)
         else:
             levels = read_levels(source, spec.width, spec.height)
-            levels = upright_pixels(levels, _orientation(spec))
+            levels = upright_pixels(levels, stored_orientation(spec))
             tags = {name: spec.getattribute(name) for name in (*_MAKER, *_FOCAL)}
         with whole(target) as partial:
             _write_jpeg(partial, levels, tags)
             shutil.copystat(source, partial)
     return target
-
-
-def upright_pixels(
-    pixels: Shaped[np.ndarray, "h w 3"], orientation: int
-) -> Shaped[np.ndarray, "u v 3"]:
-    """The pixels of a picture as it is seen.
-
-    Args:
-        pixels: Rows and columns as they are stored.
-        orientation: EXIF's tag 274: 1 is upright, 3 upside down, 6 has its first row at the right
-            and 8 at the left; 2, 4, 5 and 7 are mirrored. Others are taken as 1.
-    """
-    if _TRANSPOSED <= orientation <= 8:
-        pixels = pixels.swapaxes(0, 1)
-    rows = -1 if orientation in (3, 4, 7, 8) else 1
-    columns = -1 if orientation in (2, 3, 6, 7) else 1
-    return np.ascontiguousarray(pixels[::rows, ::columns])
 
 
 def copy_changed(source: Path, target: Path) -> None:
@@ -112,11 +94,6 @@ def copy_changed(source: Path, target: Path) -> None:
     if not (_is_of(target, source) and target.stat().st_size == source.stat().st_size):
         with whole(target) as partial:
             shutil.copy2(source, partial)
-
-
-def _orientation(spec: "oiio.ImageSpec") -> int:
-    value = spec.get_int_attribute("Orientation", 1)
-    return value if 1 <= value <= 8 else 1
 
 
 def _is_of(target: Path, source: Path) -> bool:

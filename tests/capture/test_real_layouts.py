@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import OpenImageIO as oiio
 import pytest
+from PIL import Image
 
 from gaussray.camera.camera import project
 from gaussray.capture.capture import viewpoints
@@ -16,6 +17,7 @@ from gaussray.capture.errors import CaptureError, CaptureWarning
 from gaussray.capture.formats.paired import read_capture
 from gaussray.capture.frames import read_encoded, visible_pixels
 from gaussray.capture.open import format_of, open_capture
+from gaussray.capture.picture_file import check_images, read_levels
 from gaussray.capture.same_size import same_size
 from gaussray.capture.selection import Selection, selected
 from gaussray.dataset.images import write_image
@@ -467,3 +469,116 @@ def test_a_project_of_colmap_opens_at_its_undistorted_pictures(tmp_path):
     assert format_of(tmp_path) == "colmap"
     (view,) = open_capture(tmp_path).views
     assert view.image == (tmp_path / "dense/0/images/a.png").resolve()
+
+
+@pytest.mark.parametrize("text", ['{"frames": 120}', '{"frames": [{"frame": 0}]}', "{,}", "[1]"])
+def test_json_files_of_other_programs_make_no_capture(tmp_path, text):
+    (tmp_path / "settings.json").write_text(text)
+    with pytest.raises(CaptureError, match="must hold the files of one format"):
+        open_capture(tmp_path)
+
+
+@pytest.mark.filterwarnings("ignore:.*is taken as static")
+@pytest.mark.parametrize("text", ['{"frames": 120}', "{,}", "[1]"])
+def test_malformed_json_files_beside_a_capture_are_left_alone(static, text):
+    (static / "settings.json").write_text(text)
+    assert not open_capture(static).effects
+
+
+@pytest.mark.filterwarnings("ignore:.*is taken as static")
+def test_a_copy_of_the_file_is_no_effect(static):
+    (static / "transforms_old.json").write_text((static / "transforms.json").read_text())
+    with pytest.warns(CaptureWarning, match="transforms_old.json: is left out: it is named after"):
+        assert not open_capture(static).effects
+    document = json.loads((static / "transforms.json").read_text())
+    (static / "transforms_old.json").write_text(json.dumps({**document, "effect": "blur"}))
+    assert list(open_capture(static).effects) == ["blur"]
+
+
+@pytest.mark.filterwarnings("ignore:.*is taken as static")
+def test_a_byte_order_mark_is_no_part_of_the_text(static):
+    path = static / "transforms.json"
+    path.write_text(path.read_text(), encoding="utf-8-sig")
+    assert open_capture(static).views
+    path.write_text(path.read_text(encoding="utf-8-sig"), encoding="utf-16")
+    with pytest.raises(CaptureError, match="must be UTF-8 text.*Save it as UTF-8"):
+        open_capture(static)
+
+
+def matrix(change):
+    """A pose with rotation, as some tools write it."""
+    turn = np.eye(4)
+    turn[:3] = [[0, 0, 1, 3], [1, 0, 0, 4], [0, 1, 0, 5]]
+    return turn, np.array(change(turn)).tolist()
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda m: m.T, "transform_matrix is transposed"),
+        (lambda m: 0.002 * m, "transform_matrix is divided by 0.002"),
+        (lambda m: m.ravel(), ""),
+    ],
+)
+def test_matrices_that_are_written_otherwise_are_made_right(tmp_path, change, told):
+    true, written = matrix(change)
+    lay(tmp_path, [{**frame("a.png", 0, time=0.0, camera="a"), "transform_matrix": written}])
+    with warnings.catch_warnings(record=True) as seen:
+        warnings.simplefilter("always")
+        camera = open_capture(tmp_path).views[0].camera
+    assert np.allclose(camera.trajectory.translation[0], true[:3, 3])
+    assert any(told in str(one.message) for one in seen) if told else not seen
+
+
+def test_a_mirrored_matrix_is_refused_with_what_to_negate(tmp_path):
+    mirrored = {**frame("a.png", 0, time=0.0), "transform_matrix": pose(mirror=-1)}
+    lay(tmp_path, [mirrored])
+    with pytest.raises(CaptureError, match="Negate the column of that axis of the camera"):
+        open_capture(tmp_path)
+
+
+def test_a_key_that_is_like_a_known_one_is_asked_for(tmp_path):
+    lay(tmp_path, [frame("a.png", 0, time=0.0, f1_x=20.0)])
+    with pytest.warns(CaptureWarning, match="f1_x is unknown and ignored.$"):
+        open_capture(tmp_path)
+    given = {key: value for key, value in LENS.items() if key != "fl_x"}
+    document = {**given, "camera_angle_x": 1.0, "frames": [frame("a.png", 0, time=0.0, f1_x=20.0)]}
+    (tmp_path / "transforms.json").write_text(json.dumps(document))
+    with pytest.warns(CaptureWarning, match=r"f1_x is unknown and ignored. Did you mean fl_x\?"):
+        open_capture(tmp_path)
+
+
+def test_a_pointer_of_git_lfs_is_named(static):
+    pointer = "version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9\n"
+    (static / "transforms.json").write_text(pointer)
+    with pytest.raises(OSError, match="is a pointer of Git LFS.*git lfs pull"):
+        open_capture(static)
+
+
+@pytest.mark.parametrize("orientation", [6, 8])
+def test_a_picture_that_is_stored_lying_is_turned_to_the_cameras_size(tmp_path, orientation):
+    upright = np.random.default_rng(0).integers(0, 255, (H, W, 3), np.uint8)
+    exif = Image.Exif()
+    exif[274] = orientation
+    # Pillow's own way: orientation 6 is seen after a quarter turn clockwise.
+    stored = np.rot90(upright, 1 if orientation == 6 else -1)
+    document = {**LENS, "static": True, "frames": [frame("a.png", 0)]}
+    Image.fromarray(np.ascontiguousarray(stored)).save(tmp_path / "a.png", exif=exif)
+    (tmp_path / "transforms.json").write_text(json.dumps(document))
+    (view,) = open_capture(tmp_path).views
+    assert (read_levels(view.image, W, H) == upright).all()
+    check_images([view])
+
+
+def test_levels_in_floating_point_are_refused(tmp_path):
+    lay(tmp_path, [frame("a.png", 0, time=0.0)])
+    spec = oiio.ImageSpec(W, H, 3, "float")
+    file = oiio.ImageOutput.create("tiff")
+    file.open(str(tmp_path / "a.tif"), spec)
+    file.write_image(np.full((H, W, 3), 200, np.float32))
+    file.close()
+    (tmp_path / "transforms.json").write_text(
+        json.dumps({**LENS, "static": True, "frames": [frame("a.tif", 0)]})
+    )
+    with pytest.raises(CaptureError, match="must hold linear light, 1 for white, got .* 200"):
+        read_encoded(open_capture(tmp_path).views[0])

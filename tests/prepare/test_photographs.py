@@ -5,9 +5,10 @@ import pytest
 from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
+from gaussray.capture.orientation import upright_pixels
 from gaussray.capture.picture_file import read_levels
 from gaussray.prepare.errors import PrepareError
-from gaussray.prepare.photographs import copied_photograph, photograph_size, upright_pixels
+from gaussray.prepare.photographs import copied_photograph, photograph_size
 
 
 # Levels between a picture and its JPEG of quality 97, or its HEIC of quality 95: of smooth colours.

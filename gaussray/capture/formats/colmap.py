@@ -20,6 +20,7 @@ from gaussray.capture.formats.colmap_files import (
     read_colmap_model,
 )
 from gaussray.capture.formats.json_keys import Keys
+from gaussray.capture.formats.picture_places import other_spellings
 from gaussray.capture.formats.poses import opengl_pose, quaternion_turn
 from gaussray.capture.formats.rig import natural_order
 from gaussray.capture.formats.transforms import views_in_time, views_of
@@ -136,6 +137,7 @@ def _cameras(folder: Path, model: Model) -> dict[str, CameraImages]:
     roots = [folder / "images", folder]
     known = [r for r in roots if any((r / path.parts[0]).exists() for path in inside.values())]
     root = (known or roots)[0]
+    inside |= _spelt_otherwise(model.file, root, inside)
     parents = {path.parent for path in inside.values()}
     shared = 0 if len(parents) == 1 else len(os.path.commonprefix([p.parts for p in parents]))
     cameras: dict[str, CameraImages] = {}
@@ -151,6 +153,23 @@ def _cameras(folder: Path, model: Model) -> dict[str, CameraImages]:
             )
         camera.images[_held(folder, root / path)] = image
     return cameras
+
+
+def _spelt_otherwise(
+    file: Path, root: Path, inside: dict[str, PurePosixPath]
+) -> dict[str, PurePosixPath]:
+    """The paths of pictures of which none exists as the model names it, where letter case or suffix
+    alone differ."""
+    if any((root / path).exists() for path in inside.values()):
+        return {}
+    spelt = other_spellings(root, list(inside))
+    if spelt:
+        old, new = next(iter(spelt.items()))
+        Keys(file, {}).warn(
+            f"no picture has the name that the model has for it. {len(spelt)} of {len(inside)} are "
+            f"found if it is spelt otherwise ({new} for {old}), and are read there."
+        )
+    return {name: PurePosixPath(path) for name, path in spelt.items()}
 
 
 def _held(folder: Path, path: Path) -> Path:

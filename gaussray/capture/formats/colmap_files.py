@@ -235,7 +235,7 @@ def _text_points(path: Path) -> Iterator[tuple[float, ...]]:
 
 def _parsed(path: Path, parse: Callable[[str], _T], lines: int = 1) -> Iterator[_T]:
     """Parse the first line of every `lines` lines, without comments."""
-    listed = enumerate(read_text(path).decode("utf-8", "replace").splitlines(), 1)
+    listed = enumerate(read_text(path).decode("utf-8-sig", "replace").splitlines(), 1)
     for number, line in listed:
         if not line.strip() or line.lstrip().startswith("#"):
             continue

@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 
 from gaussray.capture.formats.json_keys import Keys
-from gaussray.capture.formats.picture_places import PICTURE_SUFFIXES, with_found_pictures
+from gaussray.capture.formats.picture_places import (
+    KNOWN_SUFFIXES,
+    PICTURE_SUFFIXES,
+    with_found_pictures,
+)
 from gaussray.capture.picture_file import picture_exists, picture_size
 from gaussray.capture.videos import frame_of
 from gaussray.io.safe.files import same_name_hint
-
-
-KNOWN_SUFFIXES = {*PICTURE_SUFFIXES, ".exr", ".tif", ".tiff", ".bmp", ".webp"}
 
 
 def completed(frames: list[Keys]) -> list[Keys]:

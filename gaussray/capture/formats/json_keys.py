@@ -174,19 +174,25 @@ class Keys:
         return block
 
     def pose(self, key: str = "transform_matrix") -> np.ndarray:
-        """A rigid camera-to-world matrix, OpenGL axes, as [3, 4]; its rotation is orthogonal."""
+        """A rigid camera-to-world matrix, OpenGL axes, as [3, 4]; its rotation is orthogonal.
+
+        Sixteen numbers are four rows. A transposed matrix, and one times a number, are made right,
+        with a warning for the first frame.
+        """
         rule = "a rigid 4x4 camera-to-world matrix"
         value = self._get(key, _ABSENT, rule)
         try:
             matrix = np.array(value, dtype=np.float64)
         except (TypeError, ValueError, OverflowError):
             matrix = np.empty(0)
+        if matrix.shape == (16,):
+            matrix = matrix.reshape(4, 4)
         if matrix.shape not in ((4, 4), (3, 4)):
             raise self.error(key, rule, "Write four rows of four numbers.")
         if not (np.abs(matrix) < np.finfo(np.float32).max).all():
             raise self.error(key, "finite", "Remove the frame, or estimate its pose again.")
-        if len(matrix) == 4 and np.abs(matrix[3] - (0, 0, 0, 1)).max() > 1e-6:
-            raise self.error(key, f"{rule}, last row 0 0 0 1")
+        if len(matrix) == 4:
+            matrix = self._homogeneous(key, matrix, rule)
         linear = matrix[:3, :3]
         gram = linear.T @ linear
         scale = math.sqrt(np.trace(gram) / 3)
@@ -197,10 +203,32 @@ class Keys:
             remedy = f"Divide its first three columns by {scale:.6g} (the translation stays)."
             raise self.error(key, f"{rule} without scale", remedy)
         if np.linalg.det(linear) < 0:
-            remedy = "Its determinant is -1, so it mirrors; that of a rotation is +1."
+            remedy = (
+                "Its determinant is -1, so it mirrors: one axis points the wrong way. Negate the "
+                "column of that axis of the camera (x right, y up, z backwards), or the row of "
+                "that axis of the world."
+            )
             raise self.error(key, f"{rule} without reflection", remedy)
         u, _, vt = np.linalg.svd(linear)
         return np.concatenate([u @ vt, matrix[:3, 3:]], axis=1)
+
+    def _homogeneous(self, key: str, matrix: np.ndarray, rule: str) -> np.ndarray:
+        """The matrix with the last row 0 0 0 1, if it has one but for a transposition or a
+        factor."""
+        change = ""
+        if np.abs(matrix[:, 3] - (0, 0, 0, 1)).max() < 1e-6 < np.abs(matrix[3, :3]).max():
+            matrix, change = (
+                matrix.T,
+                "transposed: its last column is 0 0 0 1, as a last row must be",
+            )
+        last = matrix[3]
+        if np.abs(last[:3]).max() < 1e-6 * abs(last[3]) and abs(last[3] - 1) > 1e-6:
+            matrix, change = matrix / last[3], f"divided by {last[3]:.6g}, to end with 0 0 0 1"
+        if np.abs(matrix[3] - (0, 0, 0, 1)).max() > 1e-6:
+            raise self.error(key, f"{rule}, last row 0 0 0 1")
+        if change and not self.frame:
+            self.warn(f"{self.prefix}{key} is {change}. So is that of each frame like it.")
+        return matrix
 
 
 def _is_number(value):

@@ -2,6 +2,7 @@
 
 import dataclasses
 from pathlib import Path, PurePath
+from typing import Any
 
 import jax.numpy as jnp
 from jaxtyping import DTypeLike
@@ -9,15 +10,21 @@ from jaxtyping import DTypeLike
 from gaussray.capture.capture import Capture as Capture, View as View
 from gaussray.capture.errors import CaptureError
 from gaussray.capture.formats.completion import completed
+from gaussray.capture.formats.dnerf import SPLIT_FILES, VALIDATION_FILE
 from gaussray.capture.formats.json_keys import Keys
 from gaussray.capture.formats.transforms import (
     PINHOLE_FILE,
     frames_of,
     json_content,
+    json_if_readable,
     points_of,
     read_document,
     views_of,
 )
+
+
+# Keys of a frame, or of all frames, that hold a pose.
+_POSES = ("transform_matrix", "trajectory")
 
 
 def read_capture(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
@@ -49,7 +56,7 @@ def read_capture(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
             groups[name] = read_views(path, dtype)
         except CaptureError as error:
             # A file of another program, beside a transforms.json, is no error of the capture.
-            if pinhole is None or name == pinhole or _names_effect(path):
+            if pinhole is None or name == pinhole or _has_effect(json_content(path)):
                 raise
             Keys(path, {}).warn(f"skipped, it is no file of a capture: {error}")
     main = read_document(files[pinhole] if pinhole is not None else next(iter(files.values())))
@@ -62,10 +69,12 @@ def read_capture(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
 
 
 def effect_files(folder: Path | str) -> dict[str, Path]:
-    """The JSON files of a folder that hold "frames", by the name of their effect.
+    """The JSON files of a folder that list frames of a capture, by the name of their effect.
 
     The name is the file's "effect", or "pinhole" for transforms.json and the stem of any other.
-    JSON files without frames (reports) or that are malformed are no part of the capture.
+    No part of the capture are JSON files without frames that have a picture and a pose (reports of
+    other tools), malformed ones, and, beside transforms.json, those that are named after it
+    (transforms_backup.json) and name no effect, which a warning tells.
     """
     folder = Path(folder)
     if not folder.is_dir():
@@ -73,8 +82,17 @@ def effect_files(folder: Path | str) -> dict[str, Path]:
     files: dict[str, Path] = {}
     paths = sorted(folder.glob("*.json"), key=lambda path: (path.name != PINHOLE_FILE, path.name))
     for path in paths:
-        content = json_content(Keys(folder / PINHOLE_FILE, {"file": path.name}).inside("file"))
-        if not isinstance(content, dict) or "frames" not in content:
+        held = Keys(folder / PINHOLE_FILE, {"file": path.name}).inside("file")
+        main = path.name == PINHOLE_FILE
+        content = json_content(held) if main else json_if_readable(held)
+        if not isinstance(content, dict) or not (main or _lists_frames(content, bool(files))):
+            continue
+        if files and not main and "transforms" in path.stem and not _has_effect(content):
+            if path.name not in (*SPLIT_FILES.values(), VALIDATION_FILE):
+                Keys(path, {}).warn(
+                    f"is left out: it is named after {PINHOLE_FILE} and names no effect. To score "
+                    'its pictures as one, give it a key effect ("effect": "fisheye").'
+                )
             continue
         name = "pinhole" if path.name == PINHOLE_FILE else path.stem
         name = Keys(path, content).text("effect", name)
@@ -125,9 +143,21 @@ def read_cameras(path: Path | str, dtype: DTypeLike = jnp.float32) -> list[View]
     return views_of(top, frames, dtype)
 
 
-def _names_effect(path: Path) -> bool:
-    """Whether a JSON file says that it belongs to a paired capture."""
-    content = json_content(path)
+def _has_effect(content: dict[str, Any]) -> bool:
+    """Whether a JSON document says that it belongs to a paired capture."""
     frames = content.get("frames")
     first = frames[0] if isinstance(frames, list) and frames else None
     return "effect" in content or isinstance(first, dict) and "effect" in first
+
+
+def _lists_frames(content: dict[str, Any], beside: bool) -> bool:
+    """Whether a JSON document is one of a capture: it names an effect, or lists frames. The first
+    must have a picture and a pose unless transforms.json is beside it, so that a folder is no
+    capture because another tool listed frames in it."""
+    frames = content.get("frames")
+    first = frames[0] if isinstance(frames, list) and frames else None
+    framed = isinstance(first, dict) and "file_path" in first
+    posed = framed and any(key in block for key in _POSES for block in (first, content))
+    return (
+        posed or "frames" in content and _has_effect(content) or beside and isinstance(first, dict)
+    )

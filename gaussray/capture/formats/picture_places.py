@@ -1,9 +1,10 @@
-"""Pictures that lie elsewhere than a JSON file says: the folder was moved, or written on another
-computer."""
+"""Pictures that lie elsewhere than a JSON file says, or are spelt otherwise: the folder was moved,
+written on another computer, or its pictures were converted."""
 
 import dataclasses
 import glob
 import re
+from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -13,6 +14,7 @@ from gaussray.capture.picture_file import picture_exists
 
 # Suffixes that are tried, in this order, where `file_path` has none.
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg")
+KNOWN_SUFFIXES = {*PICTURE_SUFFIXES, ".exr", ".tif", ".tiff", ".bmp", ".webp"}
 # Folders between that of the JSON file and a picture's path, at most.
 _PLACES = ("", "*/", "*/*/")
 # Folders of a path, and bytes of one's name, at most.
@@ -24,6 +26,8 @@ _NAMED = ("file_path", "mask_path", "depth_file_path")
 _LISTS = ("train_filenames", "val_filenames", "test_filenames")
 # Folders whose pictures often have the same names, but are others.
 _SPLITS = {"train", "test", "val"}
+# Folders beside undistorted pictures, which have another lens (COLMAP's reconstructors).
+_MODELS = ("sparse", "stereo")
 
 
 def with_found_pictures(frames: list[Keys]) -> list[Keys]:
@@ -42,6 +46,14 @@ def with_found_pictures(frames: list[Keys]) -> list[Keys]:
     if not any(names) or any(map(_is_where_it_says, named)):
         return frames
     folder, first = named[0].file.parent, next(filter(None, names))
+    spelt = other_spellings(folder, [frame.values["file_path"] for frame in named])
+    if spelt:
+        old, new = next(iter(spelt.items()))
+        named[0].warn(
+            f"no picture is where file_path says. {len(spelt)} of {len(names)} are found if their "
+            f"names are spelt otherwise ({new} for {old}), and are read there."
+        )
+        return [_with_spellings(frame, spelt) for frame in frames]
     for kept in range(len(first), 0, -1):
         before = first[: len(first) - kept]
         places = {
@@ -50,6 +62,7 @@ def with_found_pictures(frames: list[Keys]) -> list[Keys]:
                 for path in (_moved(name, before, place) for name in names)
             )
             for place in _places_of(folder, first[-kept:])
+            if not _has_own_model(folder, place)
             if not (_SPLITS.intersection(before[-1:]) and _SPLITS.intersection(place[-1:]))
         }
         best = max(places.values(), default=0)
@@ -68,6 +81,64 @@ def with_found_pictures(frames: list[Keys]) -> list[Keys]:
             }
             return [_with_paths(frame, before, found[0], lists) for frame in frames]
     return frames
+
+
+def other_spellings(folder: Path, names: Sequence[str]) -> dict[str, str]:
+    """The names of absent pictures, with those of files beside where they would be that differ by
+    letter case or suffix alone; nothing where several files do, or for fewer than half.
+
+    Args:
+        folder: the folder that the names are relative to.
+        names: paths of pictures, of which none exists.
+    """
+    beside: dict[PurePosixPath, dict[str, list[str]]] = {}
+    found = {}
+    for name in names:
+        parts = _parts(name)
+        if not parts:
+            continue
+        path = PurePosixPath(*parts)
+        if path.parent not in beside:
+            beside[path.parent] = _pictures_by_stem(folder / path.parent)
+        alike = beside[path.parent].get(_stem(path.name), [])
+        if len(alike) == 1:
+            found[name] = (path.parent / alike[0]).as_posix()
+    return found if len(found) >= max(_MOST * len(names), 1) else {}
+
+
+def _pictures_by_stem(folder: Path) -> dict[str, list[str]]:
+    """The names of the pictures in a folder, by their stems in small letters."""
+    names: dict[str, list[str]] = {}
+    try:
+        pictures = sorted(p for p in folder.iterdir() if p.suffix.lower() in KNOWN_SUFFIXES)
+    except OSError:
+        return {}
+    for path in pictures:
+        names.setdefault(_stem(path.name), []).append(path.name)
+    return names
+
+
+def _stem(name: str) -> str:
+    path = PurePosixPath(name)
+    return (path.stem if path.suffix.lower() in KNOWN_SUFFIXES else name).casefold()
+
+
+def _with_spellings(frame: Keys, spelt: dict[str, str]) -> Keys:
+    lists = {
+        key: [spelt.get(name, name) if isinstance(name, str) else name for name in listed]
+        for key in _LISTS
+        if isinstance(listed := frame.values.get(key), list)
+    }
+    name = frame.values.get("file_path")
+    path = {"file_path": spelt[name]} if isinstance(name, str) and name in spelt else {}
+    return dataclasses.replace(frame, values={**frame.values, **lists, **path})
+
+
+def _has_own_model(folder: Path, place: tuple[str, ...]) -> bool:
+    """Whether pictures of a place are those of another model: undistorted ones have other lenses,
+    and often the same names."""
+    homes = (folder.joinpath(*place[:k]) for k in range(1, len(place) + 1))
+    return any((home / name).is_dir() for home in homes for name in _MODELS)
 
 
 def _parts(name: str) -> tuple[str, ...]:

@@ -54,7 +54,7 @@ def read_technicolor(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capt
 
 def _rows(path: Path) -> list[Keys]:
     """The numbers of each row, as a row's key `numbers`."""
-    lines = [line.split() for line in read_text(path).decode("utf-8", "replace").splitlines()]
+    lines = [line.split() for line in read_text(path).decode("utf-8-sig", "replace").splitlines()]
     lines = [words for words in lines if words]
     if lines and not all(_is_number(word) for word in lines[0]):
         lines = lines[1:]

@@ -1,8 +1,9 @@
 """Files like nerfstudio's transforms.json: the camera, time and picture of each frame."""
 
 import dataclasses
+import difflib
 import json
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,8 @@ from gaussray.io.safe.limits import within
 
 
 PINHOLE_FILE = "transforms.json"
+# Similarity of two keys (difflib) from which on one may be meant by the other.
+_ALIKE = 0.7
 # Keys that a frame or, for all frames, the top level may have.
 _SHARED = {
     *(*INTRINSICS, *EFFECT_OF_BLOCK, "film", "clip_start"),
@@ -251,7 +254,7 @@ def _warn_splits(top: Keys, frames: list[Keys]) -> None:
 def _warn_unknown(top: Keys, frames: list[Any]) -> None:
     for key in top.values:
         if key not in _SHARED | _FRAME | _TOP | _IGNORED:
-            top.warn(f"the key {key} is unknown and ignored.")
+            top.warn(f"the key {key} is unknown and ignored.{_meant(key, top.values)}")
     counts: dict[str, list[int]] = {}
     for k, frame in enumerate(frames):
         for key in frame if isinstance(frame, dict) else ():
@@ -259,7 +262,16 @@ def _warn_unknown(top: Keys, frames: list[Any]) -> None:
                 counts.setdefault(key, []).append(k)
     for key, where in counts.items():
         more = f" (and in {len(where) - 1} more frames)" if len(where) > 1 else ""
-        Keys(top.file, {}, where[0]).warn(f"the key {key} is unknown and ignored{more}.")
+        meant = _meant(key, {**top.values, **frames[where[0]]})
+        Keys(top.file, {}, where[0]).warn(f"the key {key} is unknown and ignored{more}.{meant}")
+
+
+def _meant(key: str, present: Mapping[str, Any]) -> str:
+    """A question that names the known key that an unknown one is most like; empty if it is like
+    none, or that one is present as well."""
+    known = sorted(_SHARED | _FRAME | _TOP)
+    alike = difflib.get_close_matches(key, known, n=1, cutoff=_ALIKE)
+    return f" Did you mean {alike[0]}?" if alike and alike[0] not in present else ""
 
 
 def read_document(path: Path) -> Keys:

@@ -16,6 +16,8 @@ from gaussray.io.safe.limits import limits, within
 
 # Longest file name in a manifest, and deepest nesting of JSON; no format needs a tenth of these.
 LONGEST, DEEPEST = 4096, 100
+# How the small files begin that stand for large ones in a repository.
+_POINTER = b"version https://git-lfs"
 # Digits of an integer that fits into 64 bits.
 _DIGITS = 18
 
@@ -25,7 +27,8 @@ def opened(path: Path | str) -> io.BufferedReader:
 
     Raises:
         FileNotFoundError: there is no such file.
-        OSError: the file cannot be opened, or is a folder, a pipe or a device.
+        OSError: the file cannot be opened, is a folder, a pipe or a device, or a pointer of Git
+            LFS.
     """
     # O_NONBLOCK: opening a pipe does not wait for a writer. O_BINARY: Windows keeps line ends as
     # they are.
@@ -39,7 +42,14 @@ def opened(path: Path | str) -> io.BufferedReader:
     if not stat.S_ISREG(os.fstat(number).st_mode):
         os.close(number)
         raise OSError(f"{path}: must be a file, got a folder, a pipe or a device.")
-    return os.fdopen(number, "rb")
+    file = os.fdopen(number, "rb")
+    if file.peek(len(_POINTER)).startswith(_POINTER):
+        file.close()
+        raise OSError(
+            f"{path}: is a pointer of Git LFS, not the file itself. `git lfs pull` in its "
+            "repository fetches the file."
+        )
+    return file
 
 
 def read_binary(path: Path | str) -> bytes:
@@ -91,20 +101,22 @@ def parse_json(where: object, text: bytes | str) -> Any:
 
     Args:
         where: what messages name, such as the file.
-        text: the text; bytes must be UTF-8.
+        text: the text; bytes must be UTF-8, with or without a byte order mark.
 
     Raises:
         ValueError: the text is not UTF-8, not JSON, or nested too deeply.
     """
     try:
-        decoded = text.decode("utf-8") if isinstance(text, bytes) else text
+        decoded = text.decode("utf-8-sig") if isinstance(text, bytes) else text
         content = json.loads(decoded, parse_int=_whole)
     except json.JSONDecodeError as error:
         raise ValueError(
             f"{where}: malformed JSON at line {error.lineno}, column {error.colno}: {error.msg}."
         ) from None
     except UnicodeDecodeError as error:
-        raise ValueError(f"{where}: the file must be UTF-8 text, got {error}.") from None
+        raise ValueError(
+            f"{where}: the file must be UTF-8 text, got {error}. Save it as UTF-8."
+        ) from None
     except RecursionError:
         content = None
     level, depth = [content], 0
@@ -169,4 +181,9 @@ def same_name_hint(folder: Path, name: str) -> str:
     last = glob.escape(re.split(r"[/\\]", name)[-1])
     found = (path for place in ("", "*/", "*/*/") for path in folder.glob(place + last))
     path = next((path for path in found if path.is_file()), None)
-    return "" if path is None else f" A file of this name is {path}."
+    if path is None:
+        return ""
+    home = next((p for p in path.parents if p != folder and (p / "sparse").is_dir()), None)
+    if home is not None and home.is_relative_to(folder):
+        return f" A file of this name is {path}, which belongs to a model of its own: name {home}."
+    return f" A file of this name is {path}."

@@ -29,7 +29,7 @@ def read_kalibr(path: Path) -> list[KnownCamera]:
     Raises:
         PrepareError: The file is no chain of Kalibr, or a camera's model is not supported.
     """
-    text = read_text(path).decode("utf-8", "replace")
+    text = read_text(path).decode("utf-8-sig", "replace")
     refuse_storage(path, text)
     try:
         check_aliases(path, text)

@@ -85,7 +85,7 @@ def read_easymocap(intrinsics: Path, extrinsics: Path) -> list[KnownCamera]:
 
 def read_opencv_yaml(path: Path) -> dict[str, Any]:
     """The values of a YAML file that cv::FileStorage has written; matrices are arrays."""
-    text = read_text(path).decode("utf-8", "replace")
+    text = read_text(path).decode("utf-8-sig", "replace")
     # OpenCV's first line, %YAML:1.0, is no directive of YAML.
     lines = text.splitlines()
     if lines and lines[0].startswith("%YAML"):

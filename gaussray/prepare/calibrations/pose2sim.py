@@ -37,7 +37,7 @@ def read_toml(path: Path) -> Calibration:
             numbers that it needs.
     """
     try:
-        content = tomllib.loads(read_text(path).decode("utf-8"))
+        content = tomllib.loads(read_text(path).decode("utf-8-sig"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise PrepareError(f"{path}: must be TOML, got {error}. {_NEEDS}") from None
     tables = _tables(path, content)

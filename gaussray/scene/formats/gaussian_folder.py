@@ -149,7 +149,7 @@ def _arguments(path: Path) -> dict[str, Any]:
             "the trained model."
         )
     try:
-        text = read_text(path).decode("utf-8").strip()
+        text = read_text(path).decode("utf-8-sig").strip()
         if len(text) > _LONGEST:
             raise ValueError(f"{len(text)} characters")
         call = ast.parse(text, mode="eval").body

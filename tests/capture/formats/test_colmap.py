@@ -292,3 +292,14 @@ def test_two_pictures_of_one_name(tmp_path):
 def test_a_folder_without_a_model(tmp_path):
     with pytest.raises(FileNotFoundError, match="must hold cameras and images .* sparse/0"):
         read_colmap(tmp_path)
+
+
+@STATIC
+@pytest.mark.parametrize(("listed", "stored"), [("a.jpg", "a.JPG"), ("A.png", "a.tif")])
+def test_pictures_that_are_spelt_otherwise_are_read(tmp_path, listed, stored):
+    model(tmp_path, registered(listed))
+    (tmp_path / "images").mkdir()
+    (tmp_path / "images" / stored).write_bytes(b"")
+    with pytest.warns(CaptureWarning, match=f"spelt otherwise .{stored} for {listed}"):
+        capture = read_colmap(tmp_path)
+    assert capture.views[0].image == tmp_path / "images" / stored

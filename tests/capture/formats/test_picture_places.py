@@ -1,15 +1,16 @@
 """Pictures are found where they are, if all paths of a file begin with another folder."""
 
 import json
+import re
 import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from gaussray.capture.errors import CaptureWarning
 from gaussray.capture.open import open_capture
-from gaussray.dataset.images import write_image
 
 
 POSE = np.eye(4).tolist()
@@ -23,7 +24,7 @@ def folder_of(tmp_path, listed, stored):
     (tmp_path / "transforms.json").write_text(json.dumps({**intrinsics, "frames": frames}))
     for name in stored:
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        write_image(tmp_path / name, np.zeros((12, 16, 3), np.uint8))
+        Image.fromarray(np.zeros((12, 16, 3), np.uint8)).save(tmp_path / name)
     return tmp_path
 
 
@@ -105,3 +106,33 @@ def test_a_file_beside_that_has_another_name_is_not_taken(tmp_path):
         with pytest.raises(FileNotFoundError, match="must name a picture"):
             open_capture(folder)
     assert Path(folder / "out/0.png").is_file()
+
+
+@pytest.mark.parametrize(
+    ("listed", "stored"),
+    [
+        ("images/{}.jpg", "images/{}.JPG"),
+        ("images/{}.png", "images/{}.jpg"),
+        ("A{}.PNG", "a{}.png"),
+    ],
+)
+def test_pictures_of_another_letter_case_or_suffix_are_found(tmp_path, listed, stored):
+    names = [f"{k}.0" for k in range(4)]
+    folder = folder_of(tmp_path, map(listed.format, names), map(stored.format, names))
+    with pytest.warns(CaptureWarning, match="4 of 4 are found if their names are spelt otherwise"):
+        capture = open_capture(folder)
+    assert [view.image for view in capture.views] == [tmp_path / stored.format(n) for n in names]
+
+
+def test_of_two_pictures_that_are_spelt_alike_none_is_taken(tmp_path):
+    stored = ["a.PNG", "a.jpg"]
+    with pytest.raises(FileNotFoundError, match="A.tif.: neither it nor another"):
+        open_capture(folder_of(tmp_path, ["A.tif", "1.png"], stored))
+
+
+def test_undistorted_pictures_of_another_model_are_not_taken(tmp_path):
+    folder = folder_of(tmp_path, ["images/0.png"], ["dense/images/0.png"])
+    (tmp_path / "dense" / "sparse").mkdir()
+    home = re.escape(str(tmp_path / "dense"))
+    with pytest.raises(FileNotFoundError, match=f"belongs to a model of its own: name {home}"):
+        open_capture(folder)
