@@ -6,7 +6,7 @@ python -m benchmarks.trade --scene RUN
 From k = 8, the published cut-offs, bundles of 8 x 8 and key states as many as it takes, on the
 generated dynamic room or a trained scene:
 
-  preset        conf/trace: exact, default (balanced), fast; a pinhole's frame
+  preset        conf/trace: exact, default, fast; a pinhole's frame
   k, alpha_min, transmittance_min, bundle    a pinhole's frame
   time          key states (2, 3, 5) against blocks of 16, 4 and 1 rows of a rolling shutter
   lens          rays a pixel through an aperture
@@ -60,7 +60,7 @@ LENS, LENS_FOR_PIXELS = 256, 64
 # What conf/trace/<name>.yaml changes.
 PRESETS: dict[str, dict[str, Any]] = {
     "exact": {"k": 16, "transmittance_min": 0.0},
-    "balanced": {"k": 16},
+    "default": {"k": 16},
     "fast": {"k": 16, "alpha_min": 1 / 64, "transmittance_min": 1e-2},
 }
 

@@ -19,7 +19,10 @@ from gaussray.capture.high_dynamic_range import curve_of, frame_levels
 from gaussray.io.safe.limits import limits, within
 
 
-VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv", ".avi", ".webm")
+VIDEO_SUFFIXES = (
+    *(".mp4", ".mov", ".mkv", ".avi", ".webm"),
+    *(".m4v", ".3gp", ".mts", ".m2ts", ".mpg", ".mpeg", ".lrv"),
+)
 
 # Decoders of common codecs; FFmpeg has three hundred more.
 CODECS = (
@@ -35,7 +38,7 @@ SOUND_CODECS = (
 # Without these FFmpeg also opens playlists, which name other files, under the suffix .mp4.
 _OPENING: dict[str, Any] = {
     "options": {
-        "format_whitelist": "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi",
+        "format_whitelist": "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,mpeg",
         "protocol_whitelist": "file",
     },
     "metadata_errors": "replace",

@@ -13,6 +13,8 @@ from typing import Any
 
 from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
@@ -169,11 +171,33 @@ def hydra_words(overrides: Sequence[str]) -> list[str]:
     words: list[str] = []
     for word in overrides:
         name, equals, value = word.partition("=")
-        word = f"{ALIASES.get(name, name)}{equals}{value}"
+        word = _quoted(f"{ALIASES.get(name, name)}{equals}{value}")
         words.append(f"++{word}" if word.startswith("sample.") else word)
         if word.startswith("preset=") and word not in ("preset=", "preset=null"):
             words += preset_words(word.removeprefix("preset="))
     return words
+
+
+def _quoted(word: str) -> str:
+    """The word with its value in quotes, if it is a text that Hydra's grammar has no room for, such
+    as a folder with an umlaut or brackets in its name."""
+    parser = OverridesParser.create()
+    try:
+        parser.parse_override(word)
+        return word
+    except HydraException:
+        name, equals, value = word.partition("=")
+    # Lists and blocks stay: their own error says what is wrong in them.
+    if not equals or not value or value[0] in "[{'\"":
+        return word
+    # Of backslashes, those before a quote, and before the last one, are written twice.
+    escaped = re.sub(r"(\\*)'", r"\1\1\\'", value)
+    escaped = re.sub(r"(\\+)$", r"\1\1", escaped)
+    try:
+        parser.parse_override(f"{name}='{escaped}'")
+    except HydraException:
+        return word
+    return f"{name}='{escaped}'"
 
 
 def resolve_config(command: str, cfg: Configuration) -> Configuration:

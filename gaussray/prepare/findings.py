@@ -14,7 +14,7 @@ from gaussray.prepare.poses import Placement
 from gaussray.prepare.sources import Source
 from gaussray.prepare.sparse_model import camera_centres
 from gaussray.prepare.sync import Sync
-from gaussray.prepare.timeline import Timeline, resampled
+from gaussray.prepare.timeline import Timeline, of_one_rate, resampled
 
 
 # Pixels, for each 1000 pixels of width, above which reprojection and epipolar errors are doubtful
@@ -89,8 +89,8 @@ def sync_findings(
                 "Look at a fast event in each video; give sync.offsets=[...] if they are off.",
             )
         )
-    # A video that is alone shows every frame that it was asked for.
-    if len(sources) > 1 and (names := resampled(sources, timeline)):
+    # Videos of one rate show every frame that they were asked for.
+    if not of_one_rate(sources) and (names := resampled(sources, timeline)):
         findings.append(
             Finding(
                 "warn",
@@ -125,7 +125,8 @@ def camera_findings(placement: Placement) -> list[Finding]:
     missing = [p for f, p in placement.pictures.items() if f not in model.pictures]
     remedy = (
         "Add cameras between their neighbours, or pictures with more texture; poses.features=16384 "
-        "and frames.instants=10 find more matches; or give a calibration."
+        "and frames.instants=10 find more matches; poses.fov=DEGREES if you know the lens; or give "
+        "a calibration."
     )
     if found < max(2, REGISTERED * total):
         text = f"only {found} of {total} pictures have a pose"

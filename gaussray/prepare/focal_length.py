@@ -73,6 +73,16 @@ def settled_focal_length(reconstruction: Any, expected: Mapping[int, float]) -> 
     return reconstruction, "guess"
 
 
+def adjusted_reconstruction(reconstruction: Any) -> Any:
+    """A copy of a COLMAP reconstruction after bundle adjustment of everything but principal
+    points; None of None."""
+    if reconstruction is None:
+        return None
+    free = copy.deepcopy(reconstruction)
+    _adjusted_error(free)
+    return free
+
+
 def _some_pictures(reconstruction: Any) -> Any:
     """A copy with at most `_ASKED` pictures, spread over the order of their names."""
     few = copy.deepcopy(reconstruction)

@@ -4,6 +4,7 @@ import dataclasses
 import itertools
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -11,14 +12,26 @@ from jaxtyping import Float
 from gaussray.prepare.colmap import pycolmap
 from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.features import known_camera
-from gaussray.prepare.focal_length import expected_focal_lengths, settled_focal_length
-from gaussray.prepare.lens_models import LensKeyValues
-from gaussray.prepare.missing_poses import lacks_parallax, missing_poses_reason
+from gaussray.prepare.focal_length import (
+    adjusted_reconstruction,
+    expected_focal_lengths,
+    settled_focal_length,
+)
+from gaussray.prepare.lens_check import lens_complaint
+from gaussray.prepare.lens_models import MODEL_OF_CHOICE, LensKeyValues, from_colmap
+from gaussray.prepare.missing_poses import (
+    FLAT,
+    flat_pairs,
+    lacks_parallax,
+    missing_poses_reason,
+)
 from gaussray.prepare.options import PosesOptions
 from gaussray.prepare.sparse_model import SparseModel, sparse_model_of
-from gaussray.runtime.progress import Progress
+from gaussray.runtime.progress import Progress, say
 
 
+# Choices of poses.model that are tried without distortion if they fail.
+_STRAIGHTENED = ("radial", "opencv")
 # Fewest pictures of a reconstruction, and fewest matches of its first pair.
 _LEAST, _FIRST_PAIR = 2, 50
 
@@ -47,17 +60,80 @@ def estimate_poses(database: Path, pictures: Path, options: PosesOptions) -> Spa
     Returns:
         Of several reconstructions the one with most pictures, in an arbitrary frame and scale.
         Where the pictures do not tell the focal length, it is a likely one
-        (`settled_focal_length`).
+        (`settled_focal_length`). Where few of the pictures get a pose, or a lens that none is, this
+        is tried once more without distortion, which few pictures bend at will.
 
     Raises:
         PrepareError: No poses or no points are found; the message says why.
     """
+    with pycolmap().Database.open(database) as db:
+        total = db.num_images()
+    found = _reconstruction(database, pictures, options)
+    # Of pictures from one place, more tries find points that are none.
+    again = found is not None or flat_pairs(database)[0] < FLAT
+    if again and options.model in _STRAIGHTENED and _is_poor(found, total):
+        say(f"Few pictures have a pose with poses.model={options.model}: once more with pinhole.")
+        _forget_distortion(database)
+        found = _better(found, _reconstruction(database, pictures, options), total)
+    if again and options.model != "opencv_fisheye" and _is_poor(found, total):
+        say("Few pictures have a pose: once more with a focal length that is learnt last.")
+        held = _reconstruction(database, pictures, options, hold_focal=True)
+        found = _better(_better(found, held, total), adjusted_reconstruction(held), total)
+    if found is None:
+        raise PrepareError(missing_poses_reason(database))
+    expected = expected_focal_lengths(database, options)
+    settled, source = settled_focal_length(found, expected)
+    return dataclasses.replace(sparse_model_of(settled), focal_source=source)
+
+
+def _better(one: Any, other: Any, total: int) -> Any:
+    """That of two reconstructions which is not poor, or has more pictures; the second of equal
+    ones. Either may be None."""
+    if one is None or other is None:
+        return other if one is None else one
+
+    def worth(found: Any) -> tuple[bool, int]:
+        return not _is_poor(found, total), found.num_reg_images()
+
+    return one if worth(one) > worth(other) else other
+
+
+def _is_poor(reconstruction: Any, total: int) -> bool:
+    """Whether fewer than half of the pictures have a pose, or a camera has a lens that none is."""
+    if reconstruction is None or reconstruction.num_reg_images() < max(_LEAST, total / 2):
+        return True
+    cameras = reconstruction.cameras.values()
+    lenses = [from_colmap(c.model.name, c.width, c.height, c.params) for c in cameras]
+    return any(lens_complaint(lens)[0] == "refuse" for lens in lenses)
+
+
+def _forget_distortion(database: Path) -> None:
+    """Make all cameras of a database pinholes with one focal length."""
+    colmap = pycolmap()
+    with colmap.Database.open(database) as db:
+        for old in db.read_all_cameras():
+            new = colmap.Camera(
+                model=MODEL_OF_CHOICE["pinhole"],
+                width=old.width,
+                height=old.height,
+                params=[old.mean_focal_length(), old.principal_point_x, old.principal_point_y],
+                camera_id=old.camera_id,
+            )
+            new.has_prior_focal_length = old.has_prior_focal_length
+            db.update_camera(new)
+
+
+def _reconstruction(
+    database: Path, pictures: Path, options: PosesOptions, hold_focal: bool = False
+) -> Any:
+    """The reconstruction with most pictures; None if there is none with points and parallax."""
     colmap = pycolmap()
     mapping = colmap.IncrementalPipelineOptions()
     mapping.min_model_size = _LEAST
     mapping.extract_colors = False
     mapping.random_seed = options.seed
     mapping.mapper.init_min_num_inliers = _FIRST_PAIR
+    mapping.ba_refine_focal_length = not hold_focal
     with colmap.Database.open(database) as db:
         total = db.num_images()
     progress, tried = Progress("poses", total, patience=2.0), itertools.count(1)
@@ -73,11 +149,7 @@ def estimate_poses(database: Path, pictures: Path, options: PosesOptions) -> Spa
     best = max(models.values(), key=lambda m: (m.num_reg_images(), m.num_points3D()), default=None)
     seen = best.compute_num_observations() if best is not None else 0
     # A camera that only turns gets arbitrary poses, with hardly a point.
-    if best is None or not seen or lacks_parallax(database, seen):
-        raise PrepareError(missing_poses_reason(database))
-    expected = expected_focal_lengths(database, options)
-    settled, source = settled_focal_length(best, expected)
-    return dataclasses.replace(sparse_model_of(settled), focal_source=source)
+    return None if best is None or not seen or lacks_parallax(database, seen) else best
 
 
 # Largest coefficient of a lens that is known: no limit.

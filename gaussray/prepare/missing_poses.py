@@ -13,7 +13,7 @@ _BARE = 30
 # Share of the pairs that a homography explains where there may be no parallax; and the observations
 # of points, as a share of the matches, below which there is none: those of a camera that only turns
 # are 0.2 % at most, those of a flat wall, seen from several places, 40 %.
-_FLAT, _EXPLAINED = 0.9, 0.05
+FLAT, _EXPLAINED = 0.9, 0.05
 
 
 def lacks_parallax(database: Path, observations: int) -> bool:
@@ -23,6 +23,16 @@ def lacks_parallax(database: Path, observations: int) -> bool:
         database: COLMAP database with verified matches.
         observations: observations of the points of its best reconstruction.
     """
+    share, total = flat_pairs(database)
+    return share >= FLAT and observations < _EXPLAINED * total
+
+
+def flat_pairs(database: Path) -> tuple[float, int]:
+    """The share of the pairs that a homography explains, and the number of all matches.
+
+    Args:
+        database: COLMAP database with verified matches.
+    """
     colmap = pycolmap()
     kinds = colmap.TwoViewGeometryConfiguration
     homographies = (kinds.PLANAR, kinds.PANORAMIC, kinds.PLANAR_OR_PANORAMIC)
@@ -31,7 +41,7 @@ def lacks_parallax(database: Path, observations: int) -> bool:
     matched = [(g.config, len(g.inlier_matches)) for g in geometries if len(g.inlier_matches)]
     flat = [config in homographies for config, _ in matched]
     total = sum(count for _, count in matched)
-    return bool(flat and np.mean(flat) >= _FLAT and observations < _EXPLAINED * total)
+    return float(np.mean(flat)) if flat else 0.0, total
 
 
 def missing_poses_reason(database: Path) -> str:

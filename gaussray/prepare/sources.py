@@ -17,6 +17,11 @@ from gaussray.prepare.photographs import PHOTOGRAPH_SUFFIXES, photograph_size
 # Intervals of a video may differ from their median by this share of it.
 _EVEN = 0.25
 _SUFFIXES = (*VIDEO_SUFFIXES, *PHOTOGRAPH_SUFFIXES)
+# Videos and photographs that are not read: raw formats, those of 360-degree cameras, animations.
+_UNREAD = (
+    *(".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".gif", ".avif", ".jp2"),
+    *(".insv", ".insp", ".360", ".wmv", ".flv", ".ts", ".vob"),
+)
 # Cameras that a message names.
 _NAMED = 3
 
@@ -120,16 +125,30 @@ def find_sources(folder: Path | str) -> list[Source]:
         names = ", ".join(source.name for source in sources[:_NAMED])
         warnings.warn(
             f"videos={folder}: {len(beside)} pictures beside {len(sources)} cameras "
-            f"({', '.join(source.name for source in sources[:_NAMED])} ...) are not used. If they "
-            "are meant, move them into a folder of their own.",
+            f"({names} ...) are not used. If they are meant, move them into a folder of their "
+            "own.",
             CaptureWarning,
             stacklevel=2,
         )
     sources = sources or _folder(folder, beside, one_size=False)
+    unread = [path.name for place in (folder, *inside) for path in _unread(place)]
+    if sources and unread:
+        warnings.warn(
+            f"videos={folder}: {len(unread)} files of formats that are not read "
+            f"({', '.join(unread[:_NAMED])}) are left out. Convert them to MP4 or JPEG if they "
+            "are meant.",
+            CaptureWarning,
+            stacklevel=2,
+        )
     if not sources:
+        deeper = next(
+            (p for p in sorted(folder.glob("*/*")) if p.is_dir() and _files(p, _SUFFIXES)), None
+        )
         raise PrepareError(
             f"videos={folder}: must hold a video ({' '.join(VIDEO_SUFFIXES)}) or a folder of "
-            f"pictures ({' '.join(PHOTOGRAPH_SUFFIXES)}) for each camera, got none."
+            f"pictures ({' '.join(PHOTOGRAPH_SUFFIXES)}) for each camera, got "
+            + (f"{', '.join(unread[:_NAMED])}. Convert them." if unread else "none.")
+            + (f" Did you mean videos={deeper}?" if deeper else "")
         )
     names = [source.name for source in sources]
     twice = next((name for name in names if names.count(name) > 1), None)
@@ -144,6 +163,12 @@ def find_sources(folder: Path | str) -> list[Source]:
 def _files(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:
     hidden = (path for path in folder.iterdir() if not path.name.startswith("."))
     return sorted((p for p in hidden if p.suffix.lower() in suffixes and p.is_file()), key=_natural)
+
+
+def _unread(folder: Path) -> list[Path]:
+    """Files of other formats, but those of pictures that are read as well (raw beside JPEG)."""
+    read = {path.stem for path in _files(folder, _SUFFIXES)}
+    return [path for path in _files(folder, _UNREAD) if path.stem not in read]
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:

@@ -105,6 +105,12 @@ def _stride(sources: Sequence[Source], rate: float, options: FramesOptions) -> i
     return -(-count // MOST_OF_ONE)
 
 
+def of_one_rate(sources: Sequence[Source]) -> bool:
+    """Whether all videos have one rate."""
+    rates = [source.rate for source in sources if source.rate]
+    return not rates or max(rates) / min(rates) - 1 <= _SAME
+
+
 def resampled(sources: Sequence[Source], timeline: Timeline) -> list[str]:
     """Names of the videos whose rate is not that of the timestamps.
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from quads import looking
+from sparse import FOCAL, around, reconstruction
 
 from gaussray.prepare.focal_length import expected_focal_lengths, settled_focal_length
 from gaussray.prepare.options import PosesOptions
@@ -10,40 +11,8 @@ from gaussray.prepare.options import PosesOptions
 
 colmap = pytest.importorskip("pycolmap")
 
-WIDTH, HEIGHT, FOCAL = 320, 240, 300.0
-# Pixels of noise of a feature, and the error of a focal length that it leaves.
-NOISE, NEAR = 0.3, 0.03
-
-
-def reconstruction(poses, focal=FOCAL, bend=0.0):
-    """What structure from motion finds of 200 points of a room, with a focal length and one
-    coefficient of distortion that may be wrong."""
-    draw = np.random.default_rng(0)
-    points = draw.uniform([-1.5, 0.5, 0.3], [1.5, 2.5, 2.5], (200, 3))
-    made = colmap.Reconstruction()
-    true = colmap.Camera(
-        model="SIMPLE_RADIAL", width=WIDTH, height=HEIGHT, params=[FOCAL, WIDTH / 2, HEIGHT / 2, 0]
-    )
-    found = colmap.Camera(
-        model="SIMPLE_RADIAL",
-        width=WIDTH,
-        height=HEIGHT,
-        params=[focal, WIDTH / 2, HEIGHT / 2, bend],
-        camera_id=1,
-    )
-    made.add_camera_with_trivial_rig(found)
-    for number, pose in enumerate(poses, 1):
-        pixels = np.array(true.img_from_cam(points @ pose[:, :3].T + pose[:, 3]))
-        noisy = pixels + draw.normal(0, NOISE, pixels.shape)
-        image = colmap.Image(name=f"{number}.png", keypoints=noisy, camera_id=1, image_id=number)
-        turn = colmap.Rotation3d(np.ascontiguousarray(pose[:, :3]))
-        made.add_image_with_trivial_frame(image, colmap.Rigid3d(turn, pose[:, 3]))
-    for k, point in enumerate(points):
-        track = colmap.Track()
-        for number in range(1, len(poses) + 1):
-            track.add_element(number, k)
-        made.add_point3D(point, track)
-    return made
+# The error of a focal length that the noise leaves.
+NEAR = 0.03
 
 
 def straight(count=6):
@@ -51,11 +20,6 @@ def straight(count=6):
     farther away."""
     first = looking((0.0, -4.0, 1.5))
     return [np.column_stack([first[:, :3], first[:, 3] + [0.25 * k, 0, 0]]) for k in range(count)]
-
-
-def around(count=6):
-    angles = np.radians(np.linspace(-40, 40, count))
-    return [looking((5 * np.sin(a), 1.5 - 5 * np.cos(a), 1.8)) for a in angles]
 
 
 def parameters(reconstruction):

@@ -68,6 +68,27 @@ def test_pictures_beside_cameras_are_told_to_be_unused(tmp_path):
     assert source.name == "a" and source.count == 1
 
 
+def test_files_of_formats_that_are_not_read_are_told(tmp_path):
+    write_image(tmp_path / "in" / "a.png", np.zeros((8, 8, 3), np.uint8))
+    for name in ("a.dng", "b.CR2", "c.insv"):
+        (tmp_path / "in" / name).write_bytes(b"")
+    # Raw data beside a picture of the same name are meant to be left out.
+    with pytest.warns(
+        CaptureWarning, match=r"2 files of formats .* \(b.CR2, c.insv\) are left out"
+    ):
+        (source,) = find_sources(tmp_path / "in")
+    assert source.count == 1
+    (tmp_path / "in" / "a.png").unlink()
+    with pytest.raises(PrepareError, match="got a.dng, b.CR2, c.insv. Convert them."):
+        find_sources(tmp_path / "in")
+
+
+def test_a_folder_of_videos_that_lies_deeper_is_named(tmp_path):
+    write_image(tmp_path / "one" / "two" / "a.png", np.zeros((8, 8, 3), np.uint8))
+    with pytest.raises(PrepareError, match="got none. Did you mean videos=.*two?"):
+        find_sources(tmp_path)
+
+
 def test_two_cameras_of_one_name_are_refused(tmp_path):
     write_video(tmp_path / "a.mp4", [BLACK] * 3)
     write_video(tmp_path / "a.mkv", [BLACK] * 3)

@@ -10,7 +10,7 @@ from gaussray.prepare.findings import sync_findings
 from gaussray.prepare.options import FramesOptions, SyncOptions
 from gaussray.prepare.sources import Source
 from gaussray.prepare.sync import Sync
-from gaussray.prepare.timeline import MOST_OF_ONE, common_timeline, resampled
+from gaussray.prepare.timeline import MOST_OF_ONE, common_timeline, of_one_rate, resampled
 
 
 def video(name, rate, count):
@@ -45,6 +45,7 @@ def test_the_lowest_rate_counts_and_shifts_stay_below_half_a_frame():
     sources = [video("a", 30, 90), video("b", 25, 75)]
     line = common_timeline(sources, sync(a=0.0, b=0.0), FramesOptions())
     assert line.rate == pytest.approx(25) and resampled(sources, line) == ["a"]
+    assert not of_one_rate(sources) and of_one_rate(sources[:1])
     assert np.all(np.diff(line.frames["b"]) == 1)
     assert np.abs(line.shifts["a"]).max() <= 0.5 / 30 + 1e-9
     frames = line.frames["a"] / 30

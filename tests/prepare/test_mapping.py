@@ -1,0 +1,97 @@
+"""Attempts to find poses: those that fail are followed by simpler ones."""
+
+import numpy as np
+import pytest
+from sparse import FOCAL, around, reconstruction
+
+from gaussray.prepare import mapping
+from gaussray.prepare.errors import PrepareError
+from gaussray.prepare.options import PosesOptions
+
+
+colmap = pytest.importorskip("pycolmap")
+
+PICTURES = 6
+
+
+@pytest.fixture
+def database(tmp_path):
+    """Six pictures of one camera with distortion, none of which matches another."""
+    path = tmp_path / "features.db"
+    with colmap.Database.open(path) as db:
+        camera = colmap.Camera(
+            model="SIMPLE_RADIAL", width=320, height=240, params=[FOCAL, 160, 120, 0.1]
+        )
+        number = db.write_camera(camera)
+        for k in range(PICTURES):
+            db.write_image(colmap.Image(name=f"{k + 1}.png", camera_id=number), False)
+    return path
+
+
+def registered(count, bend=0.0):
+    found = reconstruction(around(PICTURES), bend=bend)
+    for number in range(count + 1, PICTURES + 1):
+        found.deregister_frame(found.image(number).frame_id)
+    return found
+
+
+def tried(monkeypatch, database, *found, **options):
+    """The poses that are found if attempts end like this, and how the attempts were made."""
+    made, left = [], list(found)
+
+    def attempt(database, pictures, options, hold_focal=False):
+        with colmap.Database.open(database) as db:
+            made.append((db.read_all_cameras()[0].model.name, hold_focal))
+        return left.pop(0)
+
+    monkeypatch.setattr(mapping, "_reconstruction", attempt)
+    options = PosesOptions(**options)
+    return mapping.estimate_poses(database, database.parent, options), made
+
+
+def test_one_attempt_is_enough_if_most_pictures_have_a_pose(monkeypatch, database):
+    model, made = tried(monkeypatch, database, registered(3))
+    assert len(model.pictures) == 3 and made == [("SIMPLE_RADIAL", False)]
+
+
+@pytest.mark.parametrize("first", [None, registered(2), registered(6, bend=12.0)])
+def test_a_failed_attempt_is_repeated_without_distortion(monkeypatch, database, first, capsys):
+    model, made = tried(monkeypatch, database, first, registered(5))
+    assert len(model.pictures) == 5
+    assert made == [("SIMPLE_RADIAL", False), ("SIMPLE_PINHOLE", False)]
+    assert "poses.model=radial: once more with pinhole" in capsys.readouterr().out
+
+
+def test_at_last_the_focal_length_is_held(monkeypatch, database):
+    model, made = tried(monkeypatch, database, registered(2), None, registered(6))
+    assert len(model.pictures) == 6
+    assert made[-1] == ("SIMPLE_PINHOLE", True)
+    # It is learnt once all pictures have a pose.
+    assert model.lenses[0]["fl_x"] != FOCAL
+    assert model.lenses[0]["fl_x"] == pytest.approx(FOCAL, rel=0.03)
+
+
+def test_a_later_attempt_counts_only_if_it_is_better(monkeypatch, database):
+    model, _ = tried(monkeypatch, database, registered(2), None, None)
+    assert len(model.pictures) == 2
+    with pytest.raises(PrepareError):
+        tried(monkeypatch, database, None, None, None)
+
+
+def test_a_pinhole_is_not_tried_twice(monkeypatch, database):
+    _, made = tried(monkeypatch, database, registered(2), registered(6), model="pinhole")
+    assert [held for _, held in made] == [False, True]
+
+
+def test_pictures_from_one_place_are_not_tried_again(monkeypatch, database):
+    monkeypatch.setattr(mapping, "flat_pairs", lambda database: (1.0, 10))
+    with pytest.raises(PrepareError):
+        tried(monkeypatch, database, None)
+
+
+def test_cameras_without_distortion_keep_the_rest(database):
+    mapping._forget_distortion(database)
+    with colmap.Database.open(database) as db:
+        (camera,) = db.read_all_cameras()
+    assert camera.model.name == "SIMPLE_PINHOLE"
+    assert np.allclose(camera.params, [FOCAL, 160, 120])
