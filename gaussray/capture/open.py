@@ -22,6 +22,7 @@ from gaussray.capture.formats.llff import llff_pictures, read_llff
 from gaussray.capture.formats.metashape import metashape_file, read_metashape
 from gaussray.capture.formats.nerfies import DATASET_FILE, is_nerfies, read_nerfies
 from gaussray.capture.formats.neural3d import read_neural3d, videos_of
+from gaussray.capture.formats.no_capture import remedy_for
 from gaussray.capture.formats.paired import effect_files, read_capture
 from gaussray.capture.formats.pinf import INFO_FILE, is_pinf, read_pinf
 from gaussray.capture.formats.poses_bounds import POSES_FILE, read_poses_bounds
@@ -66,12 +67,6 @@ FORMAT_FILES = {
 
 # Formats whose files name no masks: these lie in a folder of their own.
 _MASKED = ("colmap", "llff", "metashape")
-
-# Intrinsics of EasyMocap and EasyVolcap, whose cameras `gaussray prepare` reads.
-_EASY_FILE = "intri.yml"
-
-# Folders that are looked into for a capture, where the one that was named holds none.
-_LOOKED_AT = 50
 
 
 def open_capture(
@@ -151,12 +146,14 @@ def _is_of_others(capture: Capture) -> bool:
 
 
 def _warn_of_trained_tests(capture: Capture) -> None:
-    """Warn of held-out pictures that are training pictures, too: their scores tell nothing."""
+    """Warn of pictures to score that are training pictures, too: their scores tell nothing."""
     trained = {view.image for view in capture.views if view.split == "train"}
-    both = [view for view in capture.views if view.split == "test" and view.image in trained]
+    held = [view for view in capture.views if view.split == "test"]
+    scored = [view for views in (held, *capture.effects.values()) for view in views]
+    both = [view for view in scored if view.image in trained]
     if both:
         warnings.warn(
-            f"{capture.folder}: {len(both)} held-out pictures, first {both[0].image.name}, are "
+            f"{capture.folder}: {len(both)} pictures to score, first {both[0].image.name}, are "
             "training pictures, too, so that their scores tell nothing. Hold others out: "
             "capture.test, or the key split of frames.",
             CaptureWarning,
@@ -191,30 +188,14 @@ def format_of(folder: Path | str) -> str:
         )
     if found is not None:
         return found
-    if (folder / _EASY_FILE).is_file():
-        holds = [place for place in _folders_in(folder) if any(p.is_dir() for p in place.iterdir())]
-        holds.sort(key=lambda place: place.name != "images")
-        place = holds[0] if holds else folder / "images"
-        raise CaptureError(
-            f"{folder}: the layout of EasyMocap and EasyVolcap ({_EASY_FILE}) is no capture "
-            f"yet: `gaussray prepare videos={place} poses.calibration={folder} out=OUT` makes one. "
-            "The folder must hold a folder or a video of each camera, by the camera's name."
-        )
+    if remedy := remedy_for(folder, lambda inner: _format(inner) is not None):
+        raise CaptureError(f"{folder}: is no capture of a known format: {remedy}")
     needs = "; ".join(f"{name} needs {what}" for name, what in FORMAT_FILES.items())
-    inner = [str(path) for path in _folders_in(folder) if _format(path) is not None][:3]
-    remedy = f"Name {' or '.join(inner)}, which does" if inner else "Name the folder that has them"
     raise CaptureError(
         f"{folder}: a capture must hold the files of one format, got none of them: {needs}. "
-        f"{remedy}; `gaussray prepare` makes a capture of videos or photographs, with calibrations "
-        "of other tools (poses.calibration), too."
+        "Name the folder that has them; `gaussray prepare` makes a capture of videos or "
+        "photographs, with calibrations of other tools (poses.calibration), too."
     )
-
-
-def _folders_in(folder: Path) -> list[Path]:
-    """The first folders in a folder, and in these."""
-    outer = sorted(path for path in folder.iterdir() if path.is_dir())[:_LOOKED_AT]
-    inner = [path for some in outer for path in sorted(some.iterdir()) if path.is_dir()]
-    return outer + inner[:_LOOKED_AT]
 
 
 def _format(folder: Path) -> str | None:

@@ -20,7 +20,7 @@ from gaussray.prepare.focal_length import (
 from gaussray.prepare.lens_check import lens_complaint
 from gaussray.prepare.lens_models import MODEL_OF_CHOICE, LensKeyValues, from_colmap
 from gaussray.prepare.missing_poses import (
-    FLAT,
+    MOSTLY_FLAT,
     flat_pairs,
     lacks_parallax,
     missing_poses_reason,
@@ -70,7 +70,7 @@ def estimate_poses(database: Path, pictures: Path, options: PosesOptions) -> Spa
         total = db.num_images()
     found = _reconstruction(database, pictures, options)
     # Of pictures from one place, more tries find points that are none.
-    again = found is not None or flat_pairs(database)[0] < FLAT
+    again = found is not None or flat_pairs(database)[0] < MOSTLY_FLAT
     if again and options.model in _STRAIGHTENED and _is_poor(found, total):
         say(f"Few pictures have a pose with poses.model={options.model}: once more with pinhole.")
         _forget_distortion(database)

@@ -13,7 +13,7 @@ _BARE = 30
 # Share of the pairs that a homography explains where there may be no parallax; and the observations
 # of points, as a share of the matches, below which there is none: those of a camera that only turns
 # are 0.2 % at most, those of a flat wall, seen from several places, 40 %.
-FLAT, _EXPLAINED = 0.9, 0.05
+MOSTLY_FLAT, _EXPLAINED = 0.9, 0.05
 
 
 def lacks_parallax(database: Path, observations: int) -> bool:
@@ -24,7 +24,7 @@ def lacks_parallax(database: Path, observations: int) -> bool:
         observations: observations of the points of its best reconstruction.
     """
     share, total = flat_pairs(database)
-    return share >= FLAT and observations < _EXPLAINED * total
+    return share >= MOSTLY_FLAT and observations < _EXPLAINED * total
 
 
 def flat_pairs(database: Path) -> tuple[float, int]:

@@ -80,9 +80,9 @@ def test_a_folder_around_a_capture_tells_where_it_is(folder):
     scene = folder / "work" / "data" / "scene"
     scene.mkdir(parents=True)
     lay(scene, "transforms.json", PAIRED)
-    with pytest.raises(CaptureError, match="Name .*data.scene, which does; `gaussray prepare`"):
+    with pytest.raises(CaptureError, match="name .*data.scene, which is one"):
         open_capture(folder / "work")
-    with pytest.raises(CaptureError, match="Name the folder that has them"):
+    with pytest.raises(CaptureError, match="holds videos or pictures without poses"):
         format_of(folder)
 
 
@@ -98,7 +98,7 @@ def test_pictures_that_lie_elsewhere_are_found_for_the_message(folder):
 def test_held_out_pictures_that_were_trained_on_are_told(folder):
     for name in ("train", "test"):
         lay(folder, f"transforms_{name}.json", SPLIT)
-    with pytest.warns(CaptureWarning, match="1 held-out pictures, first 0.png, are training"):
+    with pytest.warns(CaptureWarning, match="1 pictures to score, first 0.png, are training"):
         open_capture(folder)
 
 

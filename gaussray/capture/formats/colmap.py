@@ -15,6 +15,7 @@ from gaussray.capture.formats.colmap_files import (
     PLACES,
     Model,
     Registered,
+    larger_models,
     model_folder,
     project_folder,
     read_colmap_model,
@@ -84,7 +85,14 @@ def read_colmap(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
             f"{folder}: a capture of COLMAP must hold cameras and images (.bin or .txt) in one of "
             f"{', '.join(PLACES)}, got none. Name the folder that has them."
         )
+    _check_is_capture(folder, place)
     model = read_colmap_model(place)
+    if counts := larger_models(place):
+        listed = ", ".join(f"{name} has {count}" for name, count in counts.items())
+        Keys(model.file, {}).warn(
+            f"of several models this one is read, and others have more pictures ({listed}). Each "
+            f"has a world of its own. To read another one, exchange the names of their folders."
+        )
     cameras = _cameras(folder, model)
     frames = {name: _frames(folder, name, camera) for name, camera in cameras.items()}
     _check_counts(folder, model, {name: len(paths) for name, paths in frames.items()})
@@ -105,6 +113,18 @@ def read_colmap(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
     return Capture(folder, views, {}, model.points, (min(times), max(times)), "normalised")
 
 
+def _check_is_capture(folder: Path, place: Path) -> None:
+    """Refuse the folder of a model whose pictures lie beside a folder around it."""
+    if place.resolve() != folder.resolve() or (folder / "images").is_dir():
+        return
+    for home in folder.resolve().parents[:3]:
+        known = model_folder(home)
+        if known is not None and known.resolve() == folder.resolve() and (home / "images").is_dir():
+            raise CaptureError(
+                f"{folder}: is the model of the capture {home}, which has the pictures. Name that."
+            )
+
+
 def _check_lenses(model: Model) -> None:
     """Warn of implausible focal lengths, which COLMAP finds if there are few pictures."""
     for number, lens in model.cameras.items():
@@ -120,8 +140,12 @@ def _check_lenses(model: Model) -> None:
 
 def _check_counts(folder: Path, model: Model, counts: dict[str, int]) -> None:
     if max(counts.values()) == 1:
+        root = folder / "images"
+        shown = sum(p.suffix.lower() in PICTURES for p in root.iterdir()) if root.is_dir() else 0
+        left = shown - len(model.images)
         Keys(model.file, {}).warn(
             "no camera has a folder or video of frames: the capture is taken as static, at time 0."
+            + (f" {left} of {shown} pictures in {root} have no pose." if left > 0 else "")
         )
     elif len(set(counts.values())) > 1:
         listed = ", ".join(f"{name} {count}" for name, count in counts.items())

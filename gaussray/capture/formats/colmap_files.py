@@ -11,7 +11,7 @@ from gaussray.capture.errors import CaptureError
 from gaussray.capture.points import Points
 from gaussray.capture.world_origin import counted_positions
 from gaussray.color import srgb_decode
-from gaussray.io.safe.files import read_binary, read_text
+from gaussray.io.safe.files import opened, read_binary, read_text
 from gaussray.io.safe.limits import within
 
 
@@ -85,6 +85,33 @@ def model_folder(folder: Path) -> Path | None:
             if all(path.is_file() for path in names):
                 return folder / place
     return None
+
+
+def larger_models(folder: Path) -> dict[str, int]:
+    """The models beside one of COLMAP's numbered ones (sparse/0) that have more pictures, with
+    their numbers of pictures, and its own first; empty if there is none."""
+    own = _image_count(folder)
+    others = {
+        path.name: count
+        for path in sorted(folder.parent.iterdir())
+        if path.name.isdecimal() and path != folder and (count := _image_count(path)) > own
+    }
+    return {folder.name: own, **others} if folder.name.isdecimal() and others else {}
+
+
+def _image_count(folder: Path) -> int:
+    """How many pictures a model says that it has; 0 if there is none."""
+    for name in ("images.bin", "images.txt"):
+        path = folder / name
+        if not path.is_file():
+            continue
+        if name == "images.bin":
+            with opened(path) as file:
+                head = file.read(8)
+            return int.from_bytes(head, "little") if len(head) == 8 else 0
+        lines = read_text(path).splitlines()
+        return sum(1 for line in lines if not line.startswith(b"#")) // 2
+    return 0
 
 
 def read_colmap_model(folder: Path) -> Model:

@@ -303,3 +303,27 @@ def test_pictures_that_are_spelt_otherwise_are_read(tmp_path, listed, stored):
     with pytest.warns(CaptureWarning, match=f"spelt otherwise .{stored} for {listed}"):
         capture = read_colmap(tmp_path)
     assert capture.views[0].image == tmp_path / "images" / stored
+
+
+@STATIC
+def test_models_with_more_pictures_and_pictures_without_pose_are_told(tmp_path):
+    names = [f"{k}.png" for k in range(4)]
+    model(tmp_path, registered(*names[:1]))
+    for number, form in (("1", "bin"), ("2", "txt")):
+        images = registered(*names[: 1 + int(number)])
+        colmaps.lay(tmp_path / "sparse" / number, PINHOLE, images, [], form)
+    for name in names:
+        (tmp_path / "images").mkdir(exist_ok=True)
+        (tmp_path / "images" / name).write_bytes(b"")
+    with pytest.warns(CaptureWarning) as told:
+        read_colmap(tmp_path)
+    text = " ".join(str(one.message) for one in told)
+    assert "more pictures (0 has 1, 1 has 2, 2 has 3)" in text
+    assert f"3 of 4 pictures in {tmp_path / 'images'} have no pose" in text
+
+
+def test_the_folder_of_a_model_is_not_taken_for_its_capture(tmp_path):
+    model(tmp_path, registered("0.png"))
+    (tmp_path / "images").mkdir()
+    with pytest.raises(CaptureError, match=f"is the model of the capture {tmp_path}"):
+        read_colmap(tmp_path / "sparse/0")

@@ -1,0 +1,41 @@
+"""Folders that are no capture: what is in them decides what the message says to do."""
+
+import json
+
+import pytest
+
+from gaussray.capture.errors import CaptureError
+from gaussray.capture.open import open_capture
+
+
+def lay(folder, *files):
+    for name, content in files:
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(content)
+    return folder
+
+
+SHOTS = json.dumps([{"shots": {}, "cameras": {}}])
+
+
+@pytest.mark.parametrize(
+    ("files", "told"),
+    [
+        ([("reconstruction.json", SHOTS), ("images/a.jpg", "")], "OpenSfM are not read"),
+        ([("cameras.sfm", "{}")], "`aliceVision_exportColmap` converts .* videos=PICTURES"),
+        ([("sfm_data.json", '{"extrinsics": []}')], "openMVG_main_openMVG2Colmap"),
+        ([("sparse/0/cameras.bin", "")], "cameras.bin of COLMAP's model without images.bin"),
+        ([("cameras.txt", "")], "cameras.txt of COLMAP's model without images.txt"),
+        ([("a.MP4", "")], "prepare videos={} out=OUT` finds"),
+        ([("x/a/1.png", ""), ("x/b/1.png", "")], "prepare videos={}/x out=OUT` finds"),
+        ([("images/1.png", ""), ("other/1.png", "")], "prepare videos={}/images out=OUT"),
+        ([("intri.yml", ""), ("images/a/1.png", "")], "prepare videos={}/images poses.calib"),
+        ([("in/transforms.json", "{}")], "name {}/in, which is one"),
+        ([("notes.txt", "")], "must hold the files of one format, got none of them"),
+        ([("reconstruction.json", "[1]")], "must hold the files of one format, got none of them"),
+    ],
+)
+def test_what_a_folder_holds_decides_the_remedy(tmp_path, files, told):
+    with pytest.raises(CaptureError, match=told.format(tmp_path)):
+        open_capture(lay(tmp_path, *files))
