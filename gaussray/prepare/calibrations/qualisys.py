@@ -37,7 +37,10 @@ def read_qualisys(path: Path) -> list[KnownCamera]:
         raise PrepareError(f"{error} {_REMEDY}") from None
     nodes = [n for n in root.findall("cameras/camera") if n.find("intrinsic") is not None]
     if not nodes:
-        raise PrepareError(f"{path}: must list cameras with intrinsics, got none. {_REMEDY}")
+        raise PrepareError(
+            f"{path}: must list cameras with intrinsics, as Qualisys writes them, got none. "
+            f"{_REMEDY} Of Metashape, export the cameras (not the lens alone)."
+        )
     return [_camera(path, node) for node in nodes]
 
 

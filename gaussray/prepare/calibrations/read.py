@@ -61,7 +61,14 @@ def read_calibration(path: Path | str) -> Calibration:
 
 def _read_json(path: Path) -> list[KnownCamera]:
     content = json_content(path)
-    return panoptic_cameras(path, content) if is_panoptic(content) else read_nerfstudio(path)
+    if is_panoptic(content):
+        return panoptic_cameras(path, content)
+    if not (isinstance(content, dict) and isinstance(content.get("frames"), list)):
+        raise PrepareError(
+            f"poses.calibration={path}: lists neither frames (nerfstudio) nor cameras (Panoptic), "
+            f"so it must be of another kind: {CALIBRATION_KINDS}."
+        )
+    return read_nerfstudio(path)
 
 
 def _is_storage(path: Path) -> bool:
