@@ -3,56 +3,32 @@
 import json
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import equinox as eqx
-import numpy as np
-
-from gaussray.camera.refined_cameras import (
-    color_matrices,
-    corrections_summary,
-    gains,
-    refined_frames,
-)
 from gaussray.capture.capture import Capture
-from gaussray.dataset.manifest import FrameRecord, write_manifest
-from gaussray.io.atomic import sweep, whole
-from gaussray.reconstruct.auto.effort import effort
-from gaussray.reconstruct.auto.machine import this_machine
-from gaussray.reconstruct.auto.motion_choice import rivals_of, with_motion_tried
-from gaussray.reconstruct.auto.refinement_trial import with_refinement_tried
-from gaussray.reconstruct.auto.trial_fits import TrialFits, remove_killed_trials
-from gaussray.reconstruct.backdrop_shell import with_backdrop_shell
-from gaussray.reconstruct.checks.covered_cameras import without_covered_cameras
-from gaussray.reconstruct.checks.doubtful_views import doubtful_views
-from gaussray.reconstruct.checks.failed_fit import demand_detail, demand_success, warn_of_one_place
-from gaussray.reconstruct.checks.pose_check import warn_of_wrong_poses
-from gaussray.reconstruct.data.common_times import common_times_sentence, with_common_times
-from gaussray.reconstruct.data.segments import segments
+from gaussray.io.atomic import whole
+from gaussray.reconstruct.checks.failed_fit import demand_success
 from gaussray.reconstruct.data.training_split import demand_training_pictures
-from gaussray.reconstruct.initialize.impacts import with_impacts
 from gaussray.reconstruct.log import RunLog
-from gaussray.reconstruct.loop import run_stage
-from gaussray.reconstruct.motion import with_motion
-from gaussray.reconstruct.optimize.state import State
 from gaussray.reconstruct.options import ReconstructOptions as ReconstructOptions
+from gaussray.reconstruct.plan import fit_plan
 from gaussray.reconstruct.run_progress import RunProgress
+from gaussray.reconstruct.segment_fit import (
+    fitted_state,
+    pruned_segment,
+    segment_sentences,
+    write_refined_cameras,
+)
 from gaussray.reconstruct.session import Session, hand_over
 from gaussray.reconstruct.shared_results import SharedResults
-from gaussray.reconstruct.simplify.measure import Tracing, TrainingViews
-from gaussray.reconstruct.simplify.prune import pruned_scene
 from gaussray.reconstruct.simplify.summary import clip_report, summary_line
-from gaussray.reconstruct.start import continued_state, initial_state
 from gaussray.runtime.devices import leads, wait
 from gaussray.runtime.lock import locks_output
-from gaussray.runtime.progress import say
-from gaussray.scene.deformation import Deformation
+from gaussray.runtime.progress import tell
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip
 from gaussray.scene.store import load_scene, save_scene, scene_info
-from gaussray.tracer.shard import mesh
 
 
 @locks_output
@@ -114,95 +90,69 @@ def reconstruct(
         CaptureError: there are no training pictures, or they cannot be used together.
     """
     demand_training_pictures(capture)
+    out, quiet = Path(out), quiet or not leads()
     options = ReconstructOptions() if options is None else options
-    recorded = without_covered_cameras(capture)
-    capture = with_common_times(recorded)
-    common = common_times_sentence(recorded, capture)
-    out, interval = Path(out), options.fit.checkpoint
+    interval = options.fit.checkpoint
     log = RunLog(out, resume=resume, interval=interval, writes=leads(), listener=listener)
-    machine = this_machine(devices)
-    chosen = effort(capture, options, machine)
-    rivals = rivals_of(capture, options, machine, chosen.rivals)
-    # A trial compares the same pictures, the smallest that one of its fits would take.
-    tried = min((chosen, *rivals.values()), key=lambda choice: choice.scale)
-    warn_of_one_place(capture)
-    course = segments(tried.capture, options.fit.segment)
-    if leads():
-        sweep(out, deep=len(course) > 1)
-        remove_killed_trials(out)
-
-    def told(line: str) -> None:
-        _say(line, quiet or not leads())
-
-    told(common)
-    fits = TrialFits(
-        tried.capture,
-        course[0],
-        out,
-        _fitted,
-        SharedResults(),
-        devices,
-        quiet or not leads(),
-        at_once=machine.runs_two_fits,
+    plan = fit_plan(
+        capture, options, out, fitted_state, resume=resume, devices=devices, quiet=quiet
     )
-    chosen, scores = with_motion_tried(
-        fits, chosen, rivals, steps=machine.trial_steps, resume=resume, say=told
-    )
-    told(chosen.sentence)
-    if chosen.scale != tried.scale:
-        course = segments(chosen.capture, options.fit.segment)
-        fits = replace(fits, capture=chosen.capture, segment=course[0], shared=SharedResults())
-    capture, shared = chosen.capture, fits.shared
-    options = with_refinement_tried(fits, chosen.options, resume=resume, say=told)
-    # It holds the pictures of the first segment.
-    del fits
-    state, progress = log.resumed() if resume else (None, RunProgress(segments=len(course)))
-    _demand_same_segments(progress, len(course))
-    files = [out / "segments" / f"{i:04d}.npz" for i in range(1, len(course) + 1)]
-    files = files if len(files) > 1 else [out / "scene.npz"]
+    state, progress = log.resumed() if resume else (None, RunProgress(segments=len(plan.course)))
+    _demand_same_segments(progress, len(plan.course))
+    files = _scene_files(out, len(plan.course))
     finished = files[: progress.segment - 1]
     scenes: list[Any] = [load_scene(path) for path in finished]
     reports = [scene_info(path) for path in finished]
-    for i in range(len(finished), len(course)):
-        session = Session(
-            capture, log, options, quiet or not leads(), devices, course[i], shared=shared
-        )
-        _say(session.equalization.sentence if session.equalization else "", session.quiet)
-        state, progress = _fitted(session, state, progress)
-        scene, report = _pruned(session, state, progress, devices)
-        report |= {"trial": scores} if scores else {}
-        demand_success(scene, report, capture, options.fit.start)
+    # What trials found out is kept for the first segment alone.
+    shared, plan = plan.shared, plan._replace(shared=SharedResults())
+    for times, file in zip(plan.course[len(finished) :], files[len(finished) :], strict=True):
+        session = Session(plan.capture, log, plan.options, quiet, devices, times, shared=shared)
+        tell(session.equalization.sentence if session.equalization else "", quiet)
+        state, progress = fitted_state(session, state, progress)
+        scene, report = pruned_segment(session, state, progress, devices)
+        report |= {"trial": plan.scores} if plan.scores else {}
+        demand_success(scene, report, plan.capture, plan.options.fit.start)
         if leads():
-            _save(files[i], scene, report)
-            if i == 0:
-                _write_cameras(out / "cameras.json", session, state)
-        _say(_found(session, state) if i == 0 else "", session.quiet)
-        _say(_doubtful(session), session.quiet)
-        line = summary_line(report, session.name or "the scene") if "steps" in report else ""
-        _say(line, session.quiet)
+            _save(file, scene, report)
+            if file == files[0]:
+                write_refined_cameras(out / "cameras.json", session, state)
+        for sentence in segment_sentences(session, state, report, first=file == files[0]):
+            tell(sentence, quiet)
         scenes.append(scene)
         reports.append(report)
-        if i + 1 < len(course):
+        if file != files[-1]:
             state, progress = hand_over(session, state, progress)
             log.save(state, progress)
         # Its pictures make room for those of the next segment.
         del session
         shared = SharedResults()
     result, report = scenes[0], reports[0]
-    if len(course) > 1:
+    if len(scenes) > 1:
         result, report = Clip(tuple(scenes)), clip_report(reports)
-        if leads():
-            _save(out / "scene.npz", result, report)
-        whole_clip = f"the clip of {len(course)} segments"
-        _say(summary_line(report, whole_clip) if "after" in report else "", quiet or not leads())
+        whole_clip = f"the clip of {len(scenes)} segments"
+        tell(summary_line(report, whole_clip) if "after" in report else "", quiet)
     if leads():
-        with whole(out / "requirement.json") as partial:
-            partial.write_text(json.dumps(report, indent=2) + "\n")
+        _finish(out, result, report, files)
         log.checkpoint.unlink(missing_ok=True)
-        if len(course) > 1:
-            _remove(files)
     wait("reconstructed")
     return result
+
+
+def _scene_files(out: Path, count: int) -> list[Path]:
+    """The files of the scenes of all segments; of a single one that of the run."""
+    if count == 1:
+        return [out / "scene.npz"]
+    return [out / "segments" / f"{i:04d}.npz" for i in range(1, count + 1)]
+
+
+def _finish(out: Path, result: Scene | Clip, report: dict[str, Any], files: list[Path]) -> None:
+    """Write the scene of all segments and the report, and remove what they replace."""
+    if len(files) > 1:
+        _save(out / "scene.npz", result, report)
+    with whole(out / "requirement.json") as partial:
+        partial.write_text(json.dumps(report, indent=2) + "\n")
+    if len(files) > 1:
+        _remove(files)
 
 
 def _demand_same_segments(progress: RunProgress, count: int) -> None:
@@ -212,56 +162,6 @@ def _demand_same_segments(progress: RunProgress, count: int) -> None:
             f"fit.segment must cut the capture into {progress.segments} segments, as in the run "
             f"that is resumed, but it is cut into {count}."
         )
-
-
-def _fitted(
-    session: Session, state: State | None, progress: RunProgress
-) -> tuple[State, RunProgress]:
-    """All stages that are left of a segment."""
-    session.shared.once("detail", lambda: demand_detail(session.footage))
-    if not session.later:
-        session.shared.once("poses", lambda: warn_of_wrong_poses(session.footage))
-    if state is None:
-        state, progress = initial_state(session, progress)
-    else:
-        session.resume(state, progress)
-    if progress.stage == "coarse":
-        # Transient Gaussians are there at all times at once.
-        fit = session.options.fit
-        if fit.deforms or session.still_first or len(session.times) == 1:
-            state, progress = run_stage(session, "coarse", state, progress)
-        state, progress = with_motion(session, state, progress)
-    elif progress.stage == "begin":
-        state, progress = continued_state(session, state, progress)
-        state, progress = with_motion(session, state, progress)
-    return (
-        run_stage(session, "fine", state, progress) if len(session.times) > 1 else (state, progress)
-    )
-
-
-def _pruned(
-    session: Session, state: State, progress: RunProgress, devices: int | None
-) -> tuple[Scene, dict[str, Any]]:
-    """The scene of a fitted state after pruning, and the report."""
-    scene, unmet = session.scene(state, progress)
-    if session.backdrop is not None:
-        eye = np.asarray(session.footage.camera.trajectory.translation).reshape(-1, 3)
-        scene, unmet = with_backdrop_shell(scene, unmet, session.backdrop, eye)
-    scene, report = pruned_scene(
-        scene,
-        TrainingViews(session.footage, *session.training_cameras(state)),
-        options=session.options.need,
-        tracing=Tracing(session.options.trace, mesh(devices), session.key_states(state)),
-        seed=session.options.fit.seed,
-        unmet=unmet,
-        report=session.progress_report("need", patience=2.0),
-    )
-    if session.equalization is not None:
-        scene = replace(scene, light=session.equalization.light)
-    if not session.shows_times_between and isinstance(scene.deformation, Deformation):
-        bodies = with_impacts(scene.deformation.bodies)
-        scene = eqx.tree_at(lambda s: s.deformation.bodies, scene, bodies)
-    return scene, report
 
 
 def _save(path: Path, scene: Scene | Clip, report: dict[str, Any]) -> None:
@@ -277,45 +177,3 @@ def _remove(files: list[Path]) -> None:
         path.unlink(missing_ok=True)
     with suppress(OSError):
         files[0].parent.rmdir()
-
-
-def _write_cameras(path: Path, session: Session, state: State) -> None:
-    """Write every camera of the capture as refined, and the gains and colour matrices that were
-    found."""
-    corrections, names = state.parameters.corrections, session.names
-    views = session.capture.views
-    frames = [(view.camera_name, view.camera) for view in views]
-    cameras = refined_frames(corrections, session.cameras, names, frames)
-    records = [
-        FrameRecord(str(view.image.resolve()), camera, view.camera_name, view.split)
-        for view, camera in zip(views, cameras, strict=True)
-    ]
-    found = {
-        "gain": gains(corrections, session.cameras, names),
-        "color_matrix": color_matrices(corrections, session.cameras, names),
-    }
-    found = {key: value for key, value in found.items() if value}
-    write_manifest(path, records, extra={"info": found} if found else None)
-
-
-def _found(session: Session, state: State) -> str:
-    """What was found of the cameras, nothing if they are as recorded."""
-    corrections = state.parameters.corrections
-    if corrections is None:
-        return ""
-    shutter, unit = session.footage.camera.shutter, session.capture.time_unit
-    return corrections_summary(corrections, session.cameras, shutter, unit)
-
-
-def _doubtful(session: Session) -> str:
-    """Which training pictures the fit did not come near, where errors are kept (fit.error)."""
-    errors = session.loader.errors
-    if errors is None:
-        return ""
-    _, first = np.unique(session.footage.viewpoints, return_index=True)
-    return doubtful_views(session.footage.name[first].tolist(), errors.seen(first))
-
-
-def _say(line: str, quiet: bool) -> None:
-    if line and not quiet:
-        say(line)

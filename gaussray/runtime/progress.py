@@ -56,6 +56,17 @@ def style() -> str:
     return chosen
 
 
+def tell(text: str, quiet: bool) -> None:
+    """Print a message on stdout unless it is empty.
+
+    Args:
+        text: the message.
+        quiet: whether nothing is printed.
+    """
+    if text and not quiet:
+        say(text)
+
+
 def say(text: str, event: str = "message", **facts: Any) -> None:
     """Print a message on stdout.
 

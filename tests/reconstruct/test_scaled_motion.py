@@ -13,7 +13,7 @@ from gaussray.color import srgb_encode
 from gaussray.dataset.images import write_image
 from gaussray.dataset.manifest import write_manifest
 from gaussray.evaluate.metrics import psnr
-from gaussray.reconstruct import pipeline
+from gaussray.reconstruct import plan
 from gaussray.reconstruct.auto.effort import effort
 from gaussray.reconstruct.auto.machine import Machine
 from gaussray.reconstruct.initialize.body_tracking import TrackOptions
@@ -97,7 +97,7 @@ def test_the_views_of_a_scaled_capture_agree_with_the_whole_ones(capture):
 
 @pytest.mark.ci
 def test_a_fit_of_smaller_pictures_shows_the_whole_ones(capture, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(pipeline, "this_machine", lambda devices: Slow(gpu=False))
+    monkeypatch.setattr(plan, "this_machine", lambda devices: Slow(gpu=False))
     reconstruct(capture, tmp_path, options=OPTIONS)
     said = capsys.readouterr().out
     assert f"scaled by 0.50 to {SMALL} x {SMALL}" in said and "not synchronised" not in said

@@ -10,7 +10,7 @@ import toy
 
 from gaussray.capture.formats.paired import read_capture
 from gaussray.capture.temporal_median import differs
-from gaussray.reconstruct import pipeline
+from gaussray.reconstruct import pipeline, plan, segment_fit
 from gaussray.reconstruct.auto import effort, machine, motion_choice, motion_trial
 from gaussray.reconstruct.auto.motion_choice import with_motion_tried
 from gaussray.reconstruct.auto.motion_trial import (
@@ -227,8 +227,8 @@ def test_a_trial_compares_the_smallest_pictures_and_the_fit_has_its_own(
         seen["fit"] = session.footage.film.width
         raise Fitted
 
-    monkeypatch.setattr(pipeline, "with_motion_tried", tried)
-    monkeypatch.setattr(pipeline, "_fitted", fitted)
+    monkeypatch.setattr(plan, "with_motion_tried", tried)
+    monkeypatch.setattr(pipeline, "fitted_state", fitted)
     options = ReconstructOptions(fit=FitOptions(points=20))
     killed = tmp_path / "trial_of_both"
     killed.mkdir()
@@ -245,7 +245,7 @@ def test_fits_that_share_results_are_the_same_as_alone(capture, tmp_path):
     """Points, bodies and sizes are found once, and the second fit ends with the same numbers."""
 
     def scored(shared, name):
-        fits = fits_of(capture, tmp_path / name, pipeline._fitted, shared)
+        fits = fits_of(capture, tmp_path / name, segment_fit.fitted_state, shared)
         return fits.score(name, options, trial_tiles, measure)
 
     def measure(session, state):

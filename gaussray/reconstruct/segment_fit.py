@@ -1,0 +1,157 @@
+"""One segment of a reconstruction: its stages, its pruning, and what is told of it."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+
+from gaussray.camera.refined_cameras import (
+    color_matrices,
+    corrections_summary,
+    gains,
+    refined_frames,
+)
+from gaussray.dataset.manifest import FrameRecord, write_manifest
+from gaussray.reconstruct.backdrop_shell import with_backdrop_shell
+from gaussray.reconstruct.checks.doubtful_views import doubtful_views
+from gaussray.reconstruct.checks.failed_fit import demand_detail
+from gaussray.reconstruct.checks.pose_check import warn_of_wrong_poses
+from gaussray.reconstruct.initialize.impacts import with_impacts
+from gaussray.reconstruct.loop import run_stage
+from gaussray.reconstruct.motion import with_motion
+from gaussray.reconstruct.optimize.state import State
+from gaussray.reconstruct.run_progress import RunProgress
+from gaussray.reconstruct.session import Session
+from gaussray.reconstruct.simplify.measure import Tracing, TrainingViews
+from gaussray.reconstruct.simplify.prune import pruned_scene
+from gaussray.reconstruct.simplify.summary import summary_line
+from gaussray.reconstruct.start import continued_state, initial_state
+from gaussray.scene.deformation import Deformation
+from gaussray.scene.scene import Scene
+from gaussray.tracer.shard import mesh
+
+
+def fitted_state(
+    session: Session, state: State | None, progress: RunProgress
+) -> tuple[State, RunProgress]:
+    """The state after all stages that are left of a segment.
+
+    Args:
+        session: the segment's pictures, cameras and options.
+        state: where to go on; None to begin.
+        progress: the stage that the state is in.
+    """
+    session.shared.once("detail", lambda: demand_detail(session.footage))
+    if not session.later:
+        session.shared.once("poses", lambda: warn_of_wrong_poses(session.footage))
+    if state is None:
+        state, progress = initial_state(session, progress)
+    else:
+        session.resume(state, progress)
+    if progress.stage == "coarse":
+        # Transient Gaussians are there at all times at once.
+        fit = session.options.fit
+        if fit.deforms or session.still_first or len(session.times) == 1:
+            state, progress = run_stage(session, "coarse", state, progress)
+        state, progress = with_motion(session, state, progress)
+    elif progress.stage == "begin":
+        state, progress = continued_state(session, state, progress)
+        state, progress = with_motion(session, state, progress)
+    return (
+        run_stage(session, "fine", state, progress) if len(session.times) > 1 else (state, progress)
+    )
+
+
+def pruned_segment(
+    session: Session, state: State, progress: RunProgress, devices: int | None
+) -> tuple[Scene, dict[str, Any]]:
+    """The scene of a fitted state after pruning, and the report.
+
+    Args:
+        session: the segment's pictures, cameras and options.
+        state: the state after the last stage.
+        progress: its progress, for the report.
+        devices: how many devices measure; None for all.
+    """
+    scene, unmet = session.scene(state, progress)
+    if session.backdrop is not None:
+        eye = np.asarray(session.footage.camera.trajectory.translation).reshape(-1, 3)
+        scene, unmet = with_backdrop_shell(scene, unmet, session.backdrop, eye)
+    scene, report = pruned_scene(
+        scene,
+        TrainingViews(session.footage, *session.training_cameras(state)),
+        options=session.options.need,
+        tracing=Tracing(session.options.trace, mesh(devices), session.key_states(state)),
+        seed=session.options.fit.seed,
+        unmet=unmet,
+        report=session.progress_report("need", patience=2.0),
+    )
+    if session.equalization is not None:
+        scene = replace(scene, light=session.equalization.light)
+    if not session.shows_times_between and isinstance(scene.deformation, Deformation):
+        bodies = with_impacts(scene.deformation.bodies)
+        scene = eqx.tree_at(lambda s: s.deformation.bodies, scene, bodies)
+    return scene, report
+
+
+def write_refined_cameras(path: Path, session: Session, state: State) -> None:
+    """Write every camera of the capture as refined, and the gains and colour matrices that were
+    found.
+
+    Args:
+        path: the JSON file.
+        session: the capture's views and cameras.
+        state: the fitted state, for its corrections.
+    """
+    corrections, names = state.parameters.corrections, session.names
+    views = session.capture.views
+    frames = [(view.camera_name, view.camera) for view in views]
+    cameras = refined_frames(corrections, session.cameras, names, frames)
+    records = [
+        FrameRecord(str(view.image.resolve()), camera, view.camera_name, view.split)
+        for view, camera in zip(views, cameras, strict=True)
+    ]
+    found = {
+        "gain": gains(corrections, session.cameras, names),
+        "color_matrix": color_matrices(corrections, session.cameras, names),
+    }
+    found = {key: value for key, value in found.items() if value}
+    write_manifest(path, records, extra={"info": found} if found else None)
+
+
+def segment_sentences(
+    session: Session, state: State, report: dict[str, Any], *, first: bool
+) -> Iterator[str]:
+    """What is told of a fitted segment: corrections of cameras (of the first one), pictures that it
+    did not come near, what pruning did. Some are empty.
+
+    Args:
+        session: the segment's pictures, cameras and options.
+        state: the fitted state.
+        report: the report of pruning.
+        first: whether it is the first segment, in which cameras are refined.
+    """
+    yield _found(session, state) if first else ""
+    yield _doubtful(session)
+    yield summary_line(report, session.name or "the scene") if "steps" in report else ""
+
+
+def _found(session: Session, state: State) -> str:
+    """What was found of the cameras, nothing if they are as recorded."""
+    corrections = state.parameters.corrections
+    if corrections is None:
+        return ""
+    shutter, unit = session.footage.camera.shutter, session.capture.time_unit
+    return corrections_summary(corrections, session.cameras, shutter, unit)
+
+
+def _doubtful(session: Session) -> str:
+    """Which training pictures the fit did not come near, where errors are kept (fit.error)."""
+    errors = session.loader.errors
+    if errors is None:
+        return ""
+    _, first = np.unique(session.footage.viewpoints, return_index=True)
+    return doubtful_views(session.footage.name[first].tolist(), errors.seen(first))
