@@ -116,7 +116,7 @@ gc.set_threshold(50_000, 20, 20)
 COMPILE = """
 import sys, filelock
 with filelock.FileLock(sys.argv[1]):
-    from gaussray.tracer import cpu_lists, cpu_march
+    from gaussray.tracer.cpu import lists as cpu_lists, march as cpu_march
     cpu_march.register_forward()
     cpu_march.register_backward()
     cpu_lists.register_lists()
@@ -141,7 +141,7 @@ def pytest_unconfigure(config):
 @pytest.fixture(scope="session", autouse=True)
 def machine_code_once():
     """One process compiles machine code; others that need it wait, and load it."""
-    from gaussray.tracer import cpu_call
+    from gaussray.tracer.cpu import call as cpu_call
 
     COMPILED.mkdir(parents=True, exist_ok=True)
     lock, entry = filelock.FileLock(COMPILED / "machine_code.lock"), cpu_call.entry

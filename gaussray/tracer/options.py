@@ -30,7 +30,7 @@ class TraceOptions(eqx.Module):
             GPU.
         chunk: List entries that are read at once.
         backend: "array" runs everywhere in any precision; "kernel" is single precision, by CUDA on
-            a GPU (kernel.py) or Numba on a CPU (cpu_kernel.py); "auto" is the kernel where it runs.
+            a GPU (kernel.py) or Numba on a CPU (cpu/kernel.py); "auto" is the kernel where it runs.
 
     Raises:
         ValueError: A value breaks its rule; the message names the key.
@@ -94,7 +94,7 @@ def on_kernel(options: TraceOptions, dtype: DTypeLike) -> bool:
 
 
 def on_cpu_kernel(options: TraceOptions, dtype: DTypeLike) -> bool:
-    """Whether bundles of rays of a precision march in machine code on a CPU (cpu_march.py).
+    """Whether bundles of rays of a precision march in machine code on a CPU (cpu/march.py).
 
     Their lists are those of the array backend.
 
@@ -109,7 +109,7 @@ def on_cpu_kernel(options: TraceOptions, dtype: DTypeLike) -> bool:
 
 def grid_levels(options: TraceOptions, dtype: DTypeLike) -> int:
     """For how many levels of bundles cells of a grid are found: for none in machine code on a CPU,
-    which looks at the Gaussians themselves (cpu_lists.py).
+    which looks at the Gaussians themselves (cpu/lists.py).
 
     Args:
         options: Options of the tracer.

@@ -187,7 +187,7 @@ _importing = threading.Lock()
 def _machine_code() -> _MachineCode:
     """Import the modules; Numba takes as long to import as a small picture to render."""
     with _importing:
-        from gaussray.tracer import cpu_lists, cpu_march
+        from gaussray.tracer.cpu import lists as cpu_lists, march as cpu_march
     return _MachineCode(cpu_lists, cpu_march)
 
 

@@ -21,7 +21,7 @@ class Capacity(eqx.Module):
 
     Args:
         cells: largest number of (bundle, cell) pairs of each level, coarsest first. None at all:
-            lists are found without a grid (cpu_lists.py; `options.grid_levels`).
+            lists are found without a grid (cpu/lists.py; `options.grid_levels`).
         pairs: largest number of (bundle, Gaussian) pairs.
         slots: longest list of one bundle.
         transient: largest number of transient Gaussians that are alive during the rays' times.

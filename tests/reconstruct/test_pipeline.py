@@ -15,7 +15,7 @@ from gaussray.capture.capture import View
 from gaussray.capture.errors import CaptureWarning
 from gaussray.capture.formats.paired import read_capture
 from gaussray.evaluate.pipeline import EvaluateOptions, evaluate
-from gaussray.reconstruct import loop, pipeline as recipe, segment_fit, step as training, step_plan
+from gaussray.reconstruct import loop, segment_fit, step as training, step_plan
 from gaussray.reconstruct.data import held_out_tiles
 from gaussray.reconstruct.data.loader import Loader
 from gaussray.reconstruct.initialize.body_tracking import TrackOptions
@@ -147,7 +147,7 @@ def test_the_scene_holds_what_moves_and_the_cameras(fitted, capture):
 def test_a_run_ends_with_a_line_about_the_file(capture, tmp_path, capsys, monkeypatch):
     report = {"precision": "compact", "steps": [], "psnr": 20.0, "one_color": 10.0}
     monkeypatch.setattr(segment_fit, "pruned_scene", lambda scene, *_, **__: (scene, dict(report)))
-    monkeypatch.setattr(recipe, "summary_line", lambda told, _: f"it has {told['file']} bytes")
+    monkeypatch.setattr(segment_fit, "summary_line", lambda told, _: f"it has {told['file']} bytes")
     reconstruct(capture, tmp_path, options=BRIEF)
     size = (tmp_path / "scene.npz").stat().st_size
     assert capsys.readouterr().out == f"it has {size} bytes\n"

@@ -28,8 +28,8 @@ from scenes import (
 from scipy.spatial.transform import Rotation
 
 from gaussray.runtime.devices import has_machine_code
-from gaussray.tracer import cpu_cone, cpu_lists
 from gaussray.tracer.bundle import bounds_of_levels
+from gaussray.tracer.cpu import cone as cpu_cone, lists as cpu_lists
 from gaussray.tracer.trace import find_candidates, measure, prepare_for_rays
 from gaussray.tracer.traverse import Capacity
 

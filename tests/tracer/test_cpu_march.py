@@ -35,8 +35,9 @@ from scenes import (
 )
 from single import COLOR, GRADIENT, SINGLE, errors_on_device, mixed, pile, roomy, sheet
 
-from gaussray.tracer import cpu_march, cpu_meet, options as tracer_options
-from gaussray.tracer.cpu_block import LANES
+from gaussray.tracer import options as tracer_options
+from gaussray.tracer.cpu import march as cpu_march, meet as cpu_meet
+from gaussray.tracer.cpu.block import LANES
 from gaussray.tracer.march import march
 from gaussray.tracer.options import TraceOptions, on_cpu_kernel, on_kernel
 from gaussray.tracer.trace import (

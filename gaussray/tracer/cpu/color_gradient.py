@@ -1,12 +1,12 @@
 """Derivatives of the colours that rays see of one Gaussian, in machine code for a CPU.
 
-All rays of a block (cpu_block.py) are taken together.
+All rays of a block (cpu/block.py) are taken together.
 """
 
 import numpy as np
 
 from gaussray.scene.harmonics import C0, C1, C2, C3
-from gaussray.tracer.cpu_block import (
+from gaussray.tracer.cpu.block import (
     AT_D_HARMONICS,
     AT_G_COLOR,
     AT_HARMONICS,
@@ -19,7 +19,7 @@ from gaussray.tracer.cpu_block import (
     lane_sum,
     product_sum,
 )
-from gaussray.tracer.cpu_call import inlined_code, machine_code, summing_code
+from gaussray.tracer.cpu.call import inlined_code, machine_code, summing_code
 
 
 _ZERO, _HALF, _TWO, _THREE = (np.float32(x) for x in (0, 0.5, 2, 3))

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from gaussray.tracer.bundle import Bundles
-from gaussray.tracer.cpu_call import (
+from gaussray.tracer.cpu.call import (
     allocating_code,
     floats,
     integers,
@@ -19,8 +19,8 @@ from gaussray.tracer.cpu_call import (
     register,
     result,
 )
-from gaussray.tracer.cpu_cone import bounding_cones, drop_missed
-from gaussray.tracer.cpu_reach import (
+from gaussray.tracer.cpu.cone import bounding_cones, drop_missed
+from gaussray.tracer.cpu.reach import (
     STATE_ROWS,
     TESTED_AT_ONCE,
     Sides,
@@ -28,8 +28,8 @@ from gaussray.tracer.cpu_reach import (
     ellipsoids_inside,
     spheres_inside,
 )
-from gaussray.tracer.cpu_shapes import persistent_shapes, transient_shapes
-from gaussray.tracer.cpu_threads import (
+from gaussray.tracer.cpu.shapes import persistent_shapes, transient_shapes
+from gaussray.tracer.cpu.threads import (
     call_frame,
     entry_address,
     join_threads,

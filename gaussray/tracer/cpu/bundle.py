@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba.cpython.unsafe import numbers
 
-from gaussray.tracer.cpu_block import LANES
-from gaussray.tracer.cpu_call import (
+from gaussray.tracer.cpu.block import LANES
+from gaussray.tracer.cpu.call import (
     allocating_code,
     flat_floats,
     floats,
@@ -18,8 +18,8 @@ from gaussray.tracer.cpu_call import (
     machine_code,
     operand,
 )
-from gaussray.tracer.cpu_hit import Layout, harmonics_of
-from gaussray.tracer.cpu_meet import (
+from gaussray.tracer.cpu.hit import Layout, harmonics_of
+from gaussray.tracer.cpu.meet import (
     AT_Q,
     AT_T,
     BLENDED,

@@ -1,12 +1,12 @@
 """Derivatives of what rays see of one Gaussian that has several key states, in machine code for a
 CPU.
 
-Each ray of a block (cpu_block.py) blends the states by weights of its own.
+Each ray of a block (cpu/block.py) blends the states by weights of its own.
 """
 
 import numpy as np
 
-from gaussray.tracer.cpu_block import (
+from gaussray.tracer.cpu.block import (
     AT_G_BLENDED,
     AT_G_COLOR,
     AT_G_Q,
@@ -18,9 +18,9 @@ from gaussray.tracer.cpu_block import (
     LANES,
     copy_row,
 )
-from gaussray.tracer.cpu_call import inlined_code, machine_code, summing_code
-from gaussray.tracer.cpu_hit import dot, inverse_of
-from gaussray.tracer.cpu_meet_gradient import (
+from gaussray.tracer.cpu.call import inlined_code, machine_code, summing_code
+from gaussray.tracer.cpu.hit import dot, inverse_of
+from gaussray.tracer.cpu.meet_gradient import (
     add_ray_gradient,
     hit_of,
     meeting_gradient,

@@ -8,8 +8,8 @@ import numpy as np
 from jax.custom_derivatives import CustomVJPPrimal, SymbolicZero
 from jaxtyping import Array, Float, Int
 
-from gaussray.tracer.cpu_bundle import list_range, march_inputs
-from gaussray.tracer.cpu_call import (
+from gaussray.tracer.cpu.bundle import list_range, march_inputs
+from gaussray.tracer.cpu.call import (
     allocating_code,
     flat_floats,
     floats,
@@ -18,8 +18,8 @@ from gaussray.tracer.cpu_call import (
     register,
     result,
 )
-from gaussray.tracer.cpu_kernel import backward_bundles, forward_bundles
-from gaussray.tracer.cpu_threads import (
+from gaussray.tracer.cpu.kernel import backward_bundles, forward_bundles
+from gaussray.tracer.cpu.threads import (
     entry_address,
     join_threads,
     shared_address,

@@ -1,12 +1,12 @@
-"""Derivatives of what rays see of one Gaussian (cpu_hit.py), in machine code for a CPU.
+"""Derivatives of what rays see of one Gaussian (cpu/hit.py), in machine code for a CPU.
 
-All rays of a block (cpu_block.py) are taken together.
+All rays of a block (cpu/block.py) are taken together.
 """
 
 import numpy as np
 
-from gaussray.tracer.cpu_blend_gradient import add_blended_gradients
-from gaussray.tracer.cpu_block import (
+from gaussray.tracer.cpu.blend_gradient import add_blended_gradients
+from gaussray.tracer.cpu.block import (
     AT_D_DIRECTION,
     AT_D_HARMONICS,
     AT_D_ORIGIN,
@@ -21,10 +21,10 @@ from gaussray.tracer.cpu_block import (
     LANES,
     lane_sum,
 )
-from gaussray.tracer.cpu_call import machine_code, summing_code
-from gaussray.tracer.cpu_color_gradient import add_color_gradients, direction_gradient
-from gaussray.tracer.cpu_hit import matrix_of
-from gaussray.tracer.cpu_meet_gradient import (
+from gaussray.tracer.cpu.call import machine_code, summing_code
+from gaussray.tracer.cpu.color_gradient import add_color_gradients, direction_gradient
+from gaussray.tracer.cpu.hit import matrix_of
+from gaussray.tracer.cpu.meet_gradient import (
     add_ray_gradient,
     hit_of,
     meeting_gradient,

@@ -1,7 +1,7 @@
 """The rays of a bundle side by side, and how all of them meet one Gaussian, in machine code for a
 CPU.
 
-Numbers of rays are in one array in rows of `LANES` numbers at known places, as in cpu_block.py: so
+Numbers of rays are in one array in rows of `LANES` numbers at known places, as in cpu/block.py: so
 the compiler turns loops over the lanes into vector instructions. Lanes without a ray have direction
 zero, which meets nothing.
 """
@@ -10,9 +10,9 @@ import math
 
 import numpy as np
 
-from gaussray.tracer.cpu_block import AT_DIRECTION, AT_ORIGIN, AT_TIME, LANES
-from gaussray.tracer.cpu_call import allocating_code, inlined_code, machine_code, power_of_two
-from gaussray.tracer.cpu_hit import inverse_of, matrix_of, meet_ray, time_distance
+from gaussray.tracer.cpu.block import AT_DIRECTION, AT_ORIGIN, AT_TIME, LANES
+from gaussray.tracer.cpu.call import allocating_code, inlined_code, machine_code, power_of_two
+from gaussray.tracer.cpu.hit import inverse_of, matrix_of, meet_ray, time_distance
 
 
 _ZERO = np.float32(0)
@@ -24,7 +24,7 @@ _P0, _P1, _P2, _P3, _P4, _P5, _P6, _P7 = (
     np.float32(math.log(2) ** k / math.factorial(k)) for k in range(8)
 )
 
-# Rows of `LANES` rays: origin, direction and time (cpu_block.py); distances t and q to a Gaussian;
+# Rows of `LANES` rays: origin, direction and time (cpu/block.py); distances t and q to a Gaussian;
 # then weights of key states.
 AT_T, AT_Q, _AT_KEYS = (LANES * n for n in (7, 8, 9))
 # Rows of what key states are blended to: a matrix and a mean. They have an array of their own, so

@@ -68,7 +68,7 @@ def entry(function: Callable) -> Any:
 @functools.cache
 def _version() -> str:
     """A number for what the sources of all machine code hold."""
-    parts = sorted(Path(__file__).parent.glob("cpu_*.py"))
+    parts = sorted(Path(__file__).parent.glob("*.py"))
     return hashlib.sha256(b"".join(part.read_bytes() for part in parts)).hexdigest()[:12]
 
 

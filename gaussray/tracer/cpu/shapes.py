@@ -5,7 +5,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from gaussray.tracer.cpu_reach import SLACK, SPHERE_ROWS, STATE_ROWS, WINDOW_ROWS
+from gaussray.tracer.cpu.reach import SLACK, SPHERE_ROWS, STATE_ROWS, WINDOW_ROWS
 from gaussray.tracer.motion import Motion, clipped_time, control_points, is_valid, still
 from gaussray.tracer.response import reach_radius
 from gaussray.tracer.window import time_window_of
@@ -17,7 +17,7 @@ class Shapes(NamedTuple):
     Args:
         sphere: centre and radius of a sphere around the ellipsoid at all control points, number by
             number; a radius of minus infinity keeps a Gaussian out of all lists. Of transient
-            ones around the ellipsoid at its instant, with their time windows (cpu_reach.py).
+            ones around the ellipsoid at its instant, with their time windows (cpu/reach.py).
         row: of each Gaussian the centre and F^T times the reach for each control point, Gaussian by
             Gaussian; of transient ones for the only one, and the time window.
     """

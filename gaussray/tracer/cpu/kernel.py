@@ -1,7 +1,7 @@
 """The march of ray bundles in machine code for a CPU: compiled once by Numba, called by XLA.
 
 The same sums as march.py, several bundles at a time. Every ray blends its hits
-(cpu_bundle.py), nearest first (at one distance: the first of the list), until its transmittance is
+(cpu/bundle.py), nearest first (at one distance: the first of the list), until its transmittance is
 spent. The backward pass finds the hits again. It sums the gradients of each list's entries apart
 and adds them up in the order of the lists, so that results do not depend on the threads.
 """
@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gaussray.tracer.cpu_block import LANES, begin_block, new_block
-from gaussray.tracer.cpu_bundle import (
+from gaussray.tracer.cpu.block import LANES, begin_block, new_block
+from gaussray.tracer.cpu.bundle import (
     RayArrays,
     begin_ray,
     find_hits,
@@ -20,7 +20,7 @@ from gaussray.tracer.cpu_bundle import (
     march_inputs,
     pop_nearest,
 )
-from gaussray.tracer.cpu_call import (
+from gaussray.tracer.cpu.call import (
     allocating_code,
     flat_floats,
     floats,
@@ -30,9 +30,9 @@ from gaussray.tracer.cpu_call import (
     operand,
     result,
 )
-from gaussray.tracer.cpu_gradient import add_gradients, end_block
-from gaussray.tracer.cpu_hit import clamp_positive, color_of
-from gaussray.tracer.cpu_threads import call_frame, next_piece
+from gaussray.tracer.cpu.gradient import add_gradients, end_block
+from gaussray.tracer.cpu.hit import clamp_positive, color_of
+from gaussray.tracer.cpu.threads import call_frame, next_piece
 
 
 _ZERO, _HALF, _ONE = (np.float32(x) for x in (0, 0.5, 1))
@@ -136,7 +136,7 @@ def backward_bundles(shared):
     the entries of their lists (the last result).
 
     Ray by ray, what each hit adds to a pixel gives the gradients to its alpha. Then entry by entry,
-    all its hits add theirs to the Gaussian and the rays (cpu_gradient.py).
+    all its hits add theirs to the Gaussian and the rays (cpu/gradient.py).
     """
     frame = call_frame(shared)
     march = march_inputs(frame)

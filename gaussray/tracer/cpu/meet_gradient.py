@@ -1,8 +1,8 @@
-"""Derivatives of how one ray meets one Gaussian (cpu_hit.py), in machine code for a CPU."""
+"""Derivatives of how one ray meets one Gaussian (cpu/hit.py), in machine code for a CPU."""
 
 import numpy as np
 
-from gaussray.tracer.cpu_block import (
+from gaussray.tracer.cpu.block import (
     AT_D_DIRECTION,
     AT_D_ORIGIN,
     AT_D_TIME,
@@ -11,8 +11,8 @@ from gaussray.tracer.cpu_block import (
     AT_WEIGHT,
     LANES,
 )
-from gaussray.tracer.cpu_call import inlined_code, machine_code
-from gaussray.tracer.cpu_hit import cross, dot
+from gaussray.tracer.cpu.call import inlined_code, machine_code
+from gaussray.tracer.cpu.hit import cross, dot
 
 
 _ZERO, _ONE, _TWO = (np.float32(x) for x in (0, 1, 2))

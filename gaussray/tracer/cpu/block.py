@@ -8,8 +8,8 @@ gradients of zero, and add nothing.
 
 import numpy as np
 
-from gaussray.tracer.cpu_call import allocating_code, machine_code, summing_code
-from gaussray.tracer.cpu_hit import harmonics_of
+from gaussray.tracer.cpu.call import allocating_code, machine_code, summing_code
+from gaussray.tracer.cpu.hit import harmonics_of
 
 
 _ZERO = np.float32(0)

@@ -1,5 +1,5 @@
 """One ray meets one Gaussian, in machine code for a CPU: the equations of table.py, response.py and
-harmonics.py. Their derivatives are in cpu_gradient.py.
+harmonics.py. Their derivatives are in cpu/gradient.py.
 
 A row is one of `gaussian_table`; `layout` says what stands where in it. A ray is its origin o, unit
 direction d, time, and the weights w of its control points.
@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gaussray.scene.harmonics import C0, C1, C2, C3
-from gaussray.tracer.cpu_call import inlined_code, machine_code
+from gaussray.tracer.cpu.call import inlined_code, machine_code
 
 
 _ZERO, _HALF, _ONE = (np.float32(x) for x in (0, 0.5, 1))

@@ -18,8 +18,8 @@ from jaxtyping import Array, Float
 
 from gaussray.geometry import normalize
 from gaussray.tracer.bundle import Bundles
-from gaussray.tracer.cpu_call import inlined_code, machine_code
-from gaussray.tracer.cpu_reach import SLACK
+from gaussray.tracer.cpu.call import inlined_code, machine_code
+from gaussray.tracer.cpu.reach import SLACK
 
 
 # The sides of a bundle that meet in each edge: low and high of u, then of v (`bound_bundles`).
