@@ -156,8 +156,7 @@ def _lists_frames(content: dict[str, Any], beside: bool) -> bool:
     capture because another tool listed frames in it."""
     frames = content.get("frames")
     first = frames[0] if isinstance(frames, list) and frames else None
-    framed = isinstance(first, dict) and "file_path" in first
-    posed = framed and any(key in block for key in _POSES for block in (first, content))
-    return (
-        posed or "frames" in content and _has_effect(content) or beside and isinstance(first, dict)
-    )
+    if not isinstance(first, dict):
+        return "frames" in content and "effect" in content
+    posed = "file_path" in first and any(key in {**content, **first} for key in _POSES)
+    return posed or beside or _has_effect(content)
