@@ -36,7 +36,7 @@ def calibrate(
     capture: Capture,
     out: Path | str,
     *,
-    options: CalibrateOptions,
+    options: CalibrateOptions | None = None,
     trace: TraceOptions | None = None,
     quiet: bool = False,
 ) -> dict[str, Any]:
@@ -52,7 +52,7 @@ def calibrate(
         capture: Pictures with recorded cameras, the starting guess.
         out: Folder to write. It receives a manifest with the calibrated cameras (transforms.json,
             or <effect>.json), which `render` and `evaluate` read, and report.json.
-        options: Which parameters to estimate, and from which pictures.
+        options: Which parameters to estimate, and from which pictures; None for the defaults.
         trace: Options of the tracer; None for the defaults.
         quiet: Whether to print no progress.
 
@@ -67,7 +67,7 @@ def calibrate(
             if a picture shows two segments of the scene; if the cameras do not share their lens; if
             the estimated coefficients make no valid lens.
     """
-    start = clock.monotonic()
+    start, options = clock.monotonic(), options or CalibrateOptions()
     effect, views = selected_views(capture, options)
     lens = prepare_lens(views[0].camera.lens, options.coefficients)
     parameters = unknowns(options.parameters, lens, options.coefficients, capture.time_unit)

@@ -48,9 +48,9 @@ def evaluate(
     truth: Capture,
     out: Path | str,
     *,
-    options: EvaluateOptions,
-    render: RenderOptions,
-    trace: TraceOptions,
+    options: EvaluateOptions | None = None,
+    render: RenderOptions | None = None,
+    trace: TraceOptions | None = None,
     devices: int | None = None,
     quiet: bool = False,
 ) -> dict[str, Any]:
@@ -63,9 +63,9 @@ def evaluate(
         truth: The capture with pictures and recorded cameras.
         out: Folder to write: report.json, scores.jsonl with a line per picture, a contact sheet,
             and under <effect>/ each picture beside the truth.
-        options: Which pictures to score, and rays per pixel.
-        render: Options of the renderer; `options` sets its rays per pixel.
-        trace: Options of the tracer.
+        options: Which pictures to score, and rays per pixel; None for the defaults.
+        render: Options of the renderer, None for the defaults; `options` sets its rays per pixel.
+        trace: Options of the tracer; None for the defaults.
         devices: How many devices of this host to use; None for all.
         quiet: Whether to print no progress.
 
@@ -83,13 +83,13 @@ def evaluate(
     """
     if not leads():
         return _shared_report(None)
-    out = Path(out)
+    out, options, trace = Path(out), options or EvaluateOptions(), trace or TraceOptions()
     groups = {"pinhole": truth.views, **truth.effects}
     chosen = _chosen_views(truth.folder, groups, options)
     sweep(out, deep=True)
     evaluation = _Evaluation(out, truth, chosen, options, quiet)
     for effect, views in chosen.items():
-        sampling = dataclasses.replace(render, samples=options.samples(effect))
+        sampling = dataclasses.replace(render or RenderOptions(), samples=options.samples(effect))
         renderer = Renderer(scene, options=sampling, trace=trace, devices=devices)
         evaluation.add_effect(effect, views, groups[effect], renderer)
     return _shared_report(evaluation.write(scene))

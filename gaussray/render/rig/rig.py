@@ -97,7 +97,7 @@ def _effect_name(options: RigOptions) -> str:
         "interlaced": options.shutter.kind == "interlaced",
         "motion_blur": options.shutter.kind != "keep" and options.shutter.exposure > 0,
     }
-    return "_".join(name for name, changed in changes.items() if changed) or "pinhole"
+    return "+".join(name for name, changed in changes.items() if changed) or "pinhole"
 
 
 def _choose(views: Sequence[View], options: CameraOptions) -> list[tuple[str, str, Camera]]:

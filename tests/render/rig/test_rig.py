@@ -166,7 +166,7 @@ def test_a_lens_that_sees_behind_focuses_on_a_sphere(views):
     with pytest.raises(ValueError, match="aperture.focus must be sphere .* got plane"):
         built(views, lens=lens, aperture=rig.ApertureOptions(0.1))
     sphere = built(views, lens=lens, aperture=rig.ApertureOptions(0.1, focus="sphere"))[0]
-    assert sphere.effect == "fisheye_depth_of_field"
+    assert sphere.effect == "fisheye+depth_of_field"
 
 
 def test_effects_compose_and_are_named(views):
@@ -174,7 +174,7 @@ def test_effects_compose_and_are_named(views):
     aperture = rig.ApertureOptions(0.09, 2.0, blades=6)
     record = built(views, shutter=shutter, aperture=aperture,
                    film=rig.FilmOptions("gaussian", 2.0))[0]  # fmt: skip
-    assert record.effect == "depth_of_field_rolling_shutter_motion_blur"
+    assert record.effect == "depth_of_field+rolling_shutter+motion_blur"
     camera = record.camera
     np.testing.assert_allclose(camera.shutter.row_offset, -0.125)
     np.testing.assert_allclose(camera.shutter.row_step * (toy.SIZE - 1), 0.25, rtol=1e-6)
