@@ -59,6 +59,7 @@ def _reconstruct(cfg: Configuration, devices: int | None) -> dict[str, Any]:
     )
     from gaussray.reconstruct.log import refuse
     from gaussray.reconstruct.pipeline import reconstruct
+    from gaussray.reconstruct.same_capture import demand_same_capture
 
     chosen = reconstruct_options(cfg)
     capture = _capture(cfg.capture.path, cfg.capture, "capture.")
@@ -70,6 +71,8 @@ def _reconstruct(cfg: Configuration, devices: int | None) -> dict[str, Any]:
         _say(f"{out / 'scene.npz'}: is finished. resume=false starts again.", out=str(out))
         return {}
     refuse(Path(cfg.out), resume=resume)
+    if resume:
+        demand_same_capture(Path(cfg.out), capture)
     demand_training_pictures(capture)
     out = begin_run_folder(cfg)
     if leads() and not cfg.quiet:

@@ -14,6 +14,7 @@ from gaussray.reconstruct.log import RunLog
 from gaussray.reconstruct.options import ReconstructOptions as ReconstructOptions
 from gaussray.reconstruct.plan import fit_plan
 from gaussray.reconstruct.run_progress import RunProgress
+from gaussray.reconstruct.same_capture import demand_same_capture, write_capture_facts
 from gaussray.reconstruct.segment_fit import (
     fitted_state,
     pruned_segment,
@@ -83,7 +84,7 @@ def reconstruct(
 
     Raises:
         ValueError: `out` holds an unfinished run and `resume` is False; or the run to resume had
-            other segments or refined other parameters of the cameras.
+            other pictures or segments, or refined other parameters of the cameras.
         FileNotFoundError: there is no run to resume.
         NonFiniteLoss: the loss or a parameter became infinite or not a number.
         FailedFit: the fit ended below what one colour per camera scores, or with an empty scene.
@@ -93,7 +94,11 @@ def reconstruct(
     out, quiet = Path(out), quiet or not leads()
     options = ReconstructOptions() if options is None else options
     interval = options.fit.checkpoint
+    if resume:
+        demand_same_capture(out, capture)
     log = RunLog(out, resume=resume, interval=interval, writes=leads(), listener=listener)
+    if leads():
+        write_capture_facts(out, capture)
     plan = fit_plan(
         capture, options, out, fitted_state, resume=resume, devices=devices, quiet=quiet
     )
