@@ -116,13 +116,17 @@ def _tensorboard(cfg: Configuration, out: Path) -> Callable[[dict[str, Any]], No
 
 def _render(cfg: Configuration, devices: int | None) -> dict[str, Any]:
     from gaussray.config.jobs import render_job
-    from gaussray.render.dataset import render_dataset
+    from gaussray.render.dataset import claim_dataset, render_dataset
 
     if cfg.dataset:
         raise ValueError(f"dataset={cfg.dataset} needs factory.count of at least 1, got 0.")
     job = render_job(cfg, note=say)
-    out, quiet = begin_run_folder(cfg), cfg.quiet
-    render_dataset(job.renderer(devices), job.records, out, options=job.dataset, quiet=quiet)
+    renderer, quiet = job.renderer(devices), cfg.quiet
+    # The record of what is there stays if it is something else.
+    lock_output(Path(cfg.out))
+    claim_dataset(renderer, job.records, Path(cfg.out), job.dataset)
+    out = begin_run_folder(cfg)
+    render_dataset(renderer, job.records, out, options=job.dataset, quiet=quiet)
     effect, count = job.records[0].effect, len(job.records)
     text = f"{out}: {count} {'picture' if count == 1 else 'pictures'} ({effect.replace('_', ' ')})."
     text += f" Open {out / 'report.html'} in a browser." if cfg.report else ""
@@ -164,7 +168,10 @@ def _evaluate(cfg: Configuration, devices: int | None) -> dict[str, Any]:
     render = build_options(RenderOptions, cfg.render)
     scene, truth = load(cfg.scene), _capture(cfg.truth, cfg, "truth_", "truth_")
     if cfg.out == f"{cfg.scene}/evaluation" and Path(cfg.scene).is_file():
-        cfg.out = str(Path(cfg.scene).parent / "evaluation")
+        # Several scenes may be files of one folder; that of a run has its evaluation there.
+        file = Path(cfg.scene)
+        own = "" if file.name == "scene.npz" else f"{file.stem}_"
+        cfg.out = str(file.parent / f"{own}evaluation")
     out = begin_run_folder(cfg)
     report = evaluate(
         scene,

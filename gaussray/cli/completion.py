@@ -1,16 +1,13 @@
 """The script for tab completion in bash and zsh. It holds all words and starts no program."""
 
 from gaussray.cli.help import COMMANDS
-from gaussray.config.schema import choices, groups, keys
+from gaussray.config.schema import PATH_KEYS, choices, groups, keys
 from gaussray.runtime.progress import STYLES
 
 
 SHELLS = ("bash", "zsh")
 # Keys with a few possible values.
 FEW_VALUES = {"progress": STYLES}
-# Keys whose values are paths.
-PATH_KEYS = ("capture.path", "out", "scene", "cameras", "truth", "source", "data", "lens.file",
-         "trajectory.file")  # fmt: skip
 
 _SCRIPT = """\
 # Completion of gaussray for {shell}. To have it in every shell:

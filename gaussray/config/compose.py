@@ -25,7 +25,7 @@ from gaussray.config.messages import (
     configuration_error,
     quotes_remedy,
 )
-from gaussray.config.schema import conf_folder, keys
+from gaussray.config.schema import PATH_KEYS, conf_folder, keys
 from gaussray.config.suggest import did_you_mean
 from gaussray.config.yaml_files import preset_words
 from gaussray.io.safe.aliases import check_aliases
@@ -226,18 +226,27 @@ def resolve_config(command: str, cfg: Configuration) -> Configuration:
     for key, part in PARTS.items():
         if _value_at(cfg, key) == WORD and not Path(WORD).exists():
             OmegaConf.update(cfg, key, str(sample(part)))
+            # A folder of that name would stand for the sample from then on.
+            if key == "scene" and cfg.out == f"{WORD}/evaluation":
+                cfg.out = f"runs/{cfg.out}"
     _check_paths(command, cfg)
+    for key in PATH_KEYS:
+        value = _value_at(cfg, key)
+        if isinstance(value, str) and value.startswith("~"):
+            OmegaConf.update(cfg, key, str(Path(value).expanduser()))
     return cfg
 
 
 def _check_paths(command: str, cfg: Configuration) -> None:
-    """Refuse numbers where the name of a file or folder stands: in keys that must be given, and in
-    out."""
+    """Refuse numbers, and nothing, where the name of a file or folder stands: in keys that must be
+    given, and in out."""
     for key in ("out", *(key for key, (default, _) in keys(command).items() if default == "???")):
         value = _value_at(cfg, key)
         if not isinstance(value, str):
             remedy = quotes_remedy(value, f"{key}='NAME'")
             raise ValueError(f"{key} must be the name of a file or folder, got {value!r}.{remedy}")
+        if not value:
+            raise ValueError(f"{key} must be the name of a file or folder, got an empty text.")
 
 
 def _refuse_resolvers(node: Any, key: str) -> None:

@@ -22,7 +22,12 @@ from gaussray.io.safe.limits import Limits, limit
 from gaussray.render.job import RenderJob
 from gaussray.render.randomize.clearance import FreeSpace
 from gaussray.render.randomize.distributions import read_distributions
-from gaussray.render.randomize.generate import Distributions, MakeJob, generate_samples
+from gaussray.render.randomize.generate import (
+    Distributions,
+    MakeJob,
+    generate_samples,
+    refuse_other_samples,
+)
 from gaussray.render.randomize.options import FactoryOptions
 from gaussray.render.rig import rig as rigs
 from gaussray.runtime.devices import DevicesOptions, begin, together
@@ -121,6 +126,8 @@ def render_shard(overrides: Sequence[str], cfg: Configuration) -> int:
             "factory.shard."
         )
     source = sample_source(cfg, overrides)
+    made = source.distributions, source.make_job, source.options
+    refuse_other_samples(Path(cfg.out), *made)
     out = begin_run_folder(cfg, without=_PER_PROCESS, part=source.options.shard)
     return generate_samples(
         out,

@@ -10,6 +10,11 @@ from omegaconf import OmegaConf
 
 # Keys of earlier versions and what they are called now.
 RENAMED = {"film.width": "film.filter_width"}
+# Keys whose values are paths.
+PATH_KEYS = (
+    *("capture.path", "out", "scene", "cameras", "truth", "source", "data", "videos"),
+    *("lens.file", "trajectory.file", "poses.calibration"),
+)
 _KEY_LINE = re.compile(r"^( *)([\w]+):(?: +(.*?))?(?: +# (.*))?$")
 _COMMENT_LINE = re.compile(r"^ +# (.*)$")
 

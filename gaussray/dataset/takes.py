@@ -24,6 +24,8 @@ from gaussray.runtime.provenance import git_commit
 # Of the schema: raised when a key changes its meaning or goes; keys may be added.
 VERSION = 1
 MANIFEST, LINE = "manifest.jsonl", "take.json"
+# Keys that a message names.
+_NAMED = 5
 
 
 def folder_of(index: int) -> str:
@@ -49,13 +51,27 @@ def is_complete(folder: Path, facts: Mapping[str, Any]) -> bool:
         raise ValueError(
             f"{line}: must hold the line of a sample. Delete it to render the sample again."
         )
-    other = [key for key, value in _json(facts).items() if there.get(key) != value]
+    other = _changes(there, _json(facts))
     if other:
+        more = f" and {len(other) - _NAMED} more" if len(other) > _NAMED else ""
         raise ValueError(
-            f"{line}: the sample that is there was made of another {' and '.join(other)}. Choose "
-            "another folder as out, or delete this one."
+            f"{line}: the sample that is there was made with other values of "
+            f"{', '.join(other[:_NAMED])}{more}. Choose another folder as out, or delete this one."
         )
     return True
+
+
+def _changes(before: Mapping[str, Any], now: Mapping[str, Any], prefix: str = "") -> list[str]:
+    """The keys of `now` that had another value before; of blocks those inside of them."""
+    keys = []
+    for key, value in now.items():
+        then = before.get(key)
+        if isinstance(value, dict) and isinstance(then, dict):
+            keys += _changes(then, value, f"{prefix}{key}.")
+            keys += [f"{prefix}{key}.{name}" for name in then if name not in value]
+        elif then != value:
+            keys.append(f"{prefix}{key}")
+    return keys
 
 
 def write_take(folder: Path, facts: Mapping[str, Any], records: Sequence[FrameRecord]) -> None:
@@ -92,7 +108,8 @@ def append_take(data: Path, index: int) -> None:
 
 
 def write_takes(data: Path, count: int) -> int:
-    """Write the manifest of the complete samples, sorted by index.
+    """Write the manifest of the complete samples, sorted by index: also of those that an earlier
+    run with a larger number of samples has left.
 
     Args:
         data: Folder of the dataset.
@@ -101,15 +118,20 @@ def write_takes(data: Path, count: int) -> int:
     Returns:
         The number of samples that are missing.
     """
-    lines = [data / folder_of(index) / LINE for index in range(count)]
-    there = [line for line in lines if line.exists()]
-    if len(there) == count:
+    there = sorted((data / folder_of(0)).parent.glob(f"[0-9]*/{LINE}"), key=_index_of)
+    missing = count - sum(_index_of(line) < count for line in there)
+    if not missing:
         sweep(data)
     if there:
         with whole(data / MANIFEST) as partial, partial.open("w", encoding="utf-8") as file:
             for line in there:
                 file.write(line.read_text(encoding="utf-8"))
-    return count - len(there)
+    return missing
+
+
+def _index_of(line: Path) -> int:
+    """The index of the sample whose line this is."""
+    return int(line.parent.name) if line.parent.name.isdecimal() else 0
 
 
 def read_takes(data: Path | str) -> Iterator[dict[str, Any]]:

@@ -72,9 +72,9 @@ def render_dataset(
         OSError: A file cannot be written, or pictures of other hosts do not appear in the folder.
     """
     options = options or DatasetOptions()
-    out, scene, records = Path(out), renderer.scene, with_label_files(records, options.labels)
-    check_dataset(scene, records, options)
-    claim_folder(out, scene, records, _settings(renderer, options))
+    out = Path(out)
+    claim_dataset(renderer, records, out, options)
+    records = with_label_files(records, options.labels)
     if leads():
         sweep(out, deep=True)
     # Hosts look for existing pictures only after host 0 has removed incomplete files.
@@ -111,6 +111,27 @@ def render_dataset(
             videos.finish()
     wait("videos")
     return out
+
+
+def claim_dataset(
+    renderer: Renderer, records: Sequence[FrameRecord], out: Path, options: DatasetOptions
+) -> None:
+    """Check a dataset, and that its folder holds no other one, before anything is written there.
+
+    Args:
+        renderer: The renderer, with its scene.
+        records: The frames.
+        out: Folder of the dataset, which notes what it is of.
+        options: Labels and sensor.
+
+    Raises:
+        ValueError: The folder holds pictures of another scene, camera or option; or the dataset is
+            not possible (`check_dataset`).
+        OSError: The folder cannot be written.
+    """
+    records = with_label_files(records, options.labels)
+    check_dataset(renderer.scene, records, options)
+    claim_folder(out, renderer.scene, records, _settings(renderer, options))
 
 
 def check_dataset(

@@ -28,3 +28,21 @@ def test_names_of_folders_may_hold_any_letter(name):
 def test_a_list_that_does_not_end_is_refused():
     with pytest.raises(ValueError, match=r"no viable alternative at input '\[pose'"):
         compose_config("reconstruct", ["capture.path=DIR", "out=o", "fit.refine=[pose"])
+
+
+def test_a_home_folder_is_found(monkeypatch):
+    monkeypatch.setenv("HOME", "/home/one")
+    cfg = compose_config("reconstruct", ["capture.path=~/in", "out=~/runs/a"])
+    assert (cfg.capture.path, cfg.out) == ("/home/one/in", "/home/one/runs/a")
+
+
+@pytest.mark.parametrize("word", ["out=", "capture.path="])
+def test_an_empty_name_is_refused(word):
+    with pytest.raises(ValueError, match="must be the name of a file or folder, got an empty text"):
+        compose_config("reconstruct", ["capture.path=DIR", "out=o", word])
+
+
+def test_scores_of_the_sample_leave_no_folder_of_its_name():
+    cfg = compose_config("evaluate", ["scene=sample", "truth=sample"])
+    assert cfg.out == "runs/sample/evaluation"
+    assert compose_config("evaluate", ["scene=a", "truth=b"]).out == "a/evaluation"

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from gaussray.dataset.manifest import FrameRecord
 from gaussray.dataset.takes import (
+    LINE,
     VERSION,
     append_take,
     folder_of,
@@ -194,6 +195,41 @@ class SharedRenderers:
         return self._renderers[key][1]
 
 
+def refuse_other_samples(
+    out: Path, distributions: Distributions, make_job: MakeJob, options: FactoryOptions
+) -> None:
+    """Refuse a folder whose first sample of this shard was made with other values.
+
+    Args:
+        out: Folder of the dataset.
+        distributions: Distribution of every key.
+        make_job: Makes parameters and job of drawn values.
+        options: Number of samples, seed, shard.
+
+    Raises:
+        ValueError: It was; the message names the keys.
+    """
+    index = next((k for k in options.indices if (out / folder_of(k) / LINE).is_file()), None)
+    if index is not None:
+        sample = draw_sample(index, distributions, make_job, options=options)
+        if sample.job:
+            is_complete(out / folder_of(index), _facts(sample, options.seed, SharedRenderers(None)))
+
+
+def _facts(sample: Sample, seed: int, shared: SharedRenderers) -> dict[str, Any]:
+    """What a sample is made of, for its line."""
+    return {
+        "version": VERSION,
+        "index": sample.index,
+        "folder": folder_of(sample.index),
+        "seed": seed,
+        "attempt": sample.attempt,
+        "drawn": sample.values,
+        "parameters": sample.parameters,
+        "scene_sha256": shared.scene_hash(sample.job.scene),
+    }
+
+
 def _render(
     out: Path,
     sample: Sample,
@@ -207,16 +243,7 @@ def _render(
         Whether it was rendered; it may have been there already.
     """
     folder, job = out / folder_of(sample.index), sample.job
-    facts = {
-        "version": VERSION,
-        "index": sample.index,
-        "folder": folder_of(sample.index),
-        "seed": seed,
-        "attempt": sample.attempt,
-        "drawn": sample.values,
-        "parameters": sample.parameters,
-        "scene_sha256": shared.scene_hash(job.scene),
-    }
+    facts = _facts(sample, seed, shared)
     if is_complete(folder, facts):
         return False
     sweep(folder, deep=True)

@@ -195,14 +195,16 @@ def test_what_is_there_is_kept_and_more_takes_leave_the_first_as_they_are(tmp_pa
 
 def test_a_take_of_another_distribution_or_scene_is_refused(tmp_path, filmed):
     made(tmp_path, count=2)
-    with pytest.raises(ValueError, match="made of another seed and .*drawn and parameters"):
+    with pytest.raises(ValueError, match="made with other values of .*seed, "):
         made(tmp_path, count=2, seed=1)
 
     def elsewhere(values):
         parameters, job = make_job(values)
         return parameters, job._replace(scene=toy.scene(speed=0.5))
 
-    with pytest.raises(ValueError, match="takes/000000/take.json: .* another scene_sha256. Choose"):
+    with pytest.raises(
+        ValueError, match="takes/000000/take.json: .* other values of scene_sha256. Choose"
+    ):
         made(tmp_path, count=2, make=elsewhere)
     assert len(filmed) == 2
 
