@@ -71,6 +71,7 @@ class Camera(eqx.Module):
         check_kind("camera.shutter", self.shutter, Shutter, rule)
         rule = "a gaussray.Trajectory, such as gaussray.look_at(eye)"
         check_kind("camera.trajectory", self.trajectory, Trajectory, rule)
+        require("camera.time", self.time, np.isfinite, "finite")
         if self.chromatic is not None:
             rule = "above 0"
             require("chromatic", self.chromatic, lambda m: np.isfinite(m) & (m > 0), rule)

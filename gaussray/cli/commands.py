@@ -6,7 +6,7 @@ from typing import Any
 
 from gaussray.config.compose import Configuration
 from gaussray.config.options import as_type, build_options, field_value
-from gaussray.config.run_folder import begin_run_folder
+from gaussray.config.run_folder import begin_run_folder, changed_keys
 from gaussray.config.yaml_files import to_plain
 from gaussray.runtime.devices import DevicesOptions, begin, leads
 from gaussray.runtime.lock import lock_output
@@ -68,7 +68,10 @@ def _reconstruct(cfg: Configuration, devices: int | None) -> dict[str, Any]:
     resume = should_resume(cfg)
     if resume is None:
         out = Path(cfg.out)
-        _say(f"{out / 'scene.npz'}: is finished. resume=false starts again.", out=str(out))
+        names = changed_keys(cfg)
+        other = f" It has other values of {', '.join(names)}." if names else ""
+        text = f"{out / 'scene.npz'}: is finished.{other} resume=false starts again."
+        _say(text, out=str(out))
         return {}
     refuse(Path(cfg.out), resume=resume)
     if resume:
@@ -118,8 +121,10 @@ def _render(cfg: Configuration, devices: int | None) -> dict[str, Any]:
     from gaussray.config.jobs import render_job
     from gaussray.render.dataset import claim_dataset, render_dataset
 
-    if cfg.dataset:
-        raise ValueError(f"dataset={cfg.dataset} needs factory.count of at least 1, got 0.")
+    for key in ("dataset", "sample"):
+        if cfg[key]:
+            named = f"dataset={cfg.dataset}" if key == "dataset" else key
+            raise ValueError(f"{named} needs factory.count of at least 1, got 0.")
     job = render_job(cfg, note=say)
     renderer, quiet = job.renderer(devices), cfg.quiet
     # The record of what is there stays if it is something else.

@@ -3,14 +3,47 @@
 import copy
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from omegaconf import OmegaConf
+from yaml import YAMLError
 
 from gaussray.config.compose import Configuration
 from gaussray.io.atomic import whole
+from gaussray.io.safe.files import read_text
 from gaussray.runtime.devices import leads
 from gaussray.runtime.lock import lock_output
 from gaussray.runtime.provenance import record_start
+
+
+# Keys that say how a command is run, not what it makes.
+_UNCOUNTED = ("resume", "quiet", "progress", "report", "out", "tensorboard")
+
+
+def changed_keys(cfg: Configuration, most: int = 5) -> list[str]:
+    """Keys whose values differ from those that are recorded in the folder of a run, at most so
+    many; none if nothing can be read there.
+
+    Args:
+        cfg: a resolved configuration; its `out` is the folder.
+        most: how many keys are named.
+    """
+    try:
+        before = OmegaConf.to_container(
+            OmegaConf.create(read_text(Path(cfg.out) / "config.yaml").decode())
+        )
+    except (OSError, ValueError, YAMLError):
+        return []
+    now = OmegaConf.to_container(cfg)
+    return [key for key in _different(before, now) if key not in _UNCOUNTED][:most]
+
+
+def _different(before: Any, now: Any, key: str = "") -> list[str]:
+    if isinstance(before, dict) and isinstance(now, dict):
+        names = [name for name in now if name in before]
+        prefix = f"{key}." if key else ""
+        return sum((_different(before[n], now[n], f"{prefix}{n}") for n in names), [])
+    return [] if before == now else [key]
 
 
 def begin_run_folder(cfg: Configuration, without: Sequence[str] = (), part: str = "") -> Path:

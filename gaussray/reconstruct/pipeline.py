@@ -8,6 +8,7 @@ from typing import Any
 
 from gaussray.capture.capture import Capture
 from gaussray.io.atomic import whole
+from gaussray.io.validate import check_kind
 from gaussray.reconstruct.checks.failed_fit import demand_success
 from gaussray.reconstruct.data.training_split import demand_training_pictures
 from gaussray.reconstruct.log import RunLog
@@ -90,6 +91,9 @@ def reconstruct(
         FailedFit: the fit ended below what one colour per camera scores, or with an empty scene.
         CaptureError: there are no training pictures, or they cannot be used together.
     """
+    check_kind("capture", capture, Capture, "what gaussray.open_capture returns")
+    rule = "gaussray.ReconstructOptions(fit=gaussray.FitOptions(...), ...)"
+    check_kind("options", options, (ReconstructOptions, type(None)), rule)
     demand_training_pictures(capture)
     out, quiet = Path(out), quiet or not leads()
     options = ReconstructOptions() if options is None else options

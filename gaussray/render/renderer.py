@@ -58,7 +58,7 @@ from gaussray.scene.segmented import SCENE_RULE, Clip, segment_edges, segments_o
 from gaussray.scene.spare_rows import with_spare_rows
 from gaussray.tracer.shard import mesh as device_mesh
 from gaussray.tracer.trace import Report, TraceOptions, enlarged_capacity, measure
-from gaussray.tracer.traverse import Capacity
+from gaussray.tracer.traverse import Capacity, capacity_of_device
 
 
 _T = TypeVar("_T")
@@ -86,6 +86,8 @@ class Renderer:
         devices: int | None = None,
     ):
         check_kind("scene", scene, (Scene, Clip), SCENE_RULE)
+        check_kind("options", options, (RenderOptions, type(None)), "gaussray.RenderOptions(...)")
+        check_kind("trace", trace, (TraceOptions, type(None)), "gaussray.TraceOptions(...)")
         self.scene = scene
         self.scenes = segments_of(scene)
         self.options = options or RenderOptions()
@@ -105,8 +107,9 @@ class Renderer:
         """Render one frame, its rays divided among the devices.
 
         Raises:
-            ValueError: The camera is traced, inside `jit`, `grad` or `vmap`.
+            ValueError: The camera is traced, inside `jit`, `grad` or `vmap`, or is no camera.
         """
+        check_kind("camera", camera, Camera, "a gaussray.Camera (that of a view: view.camera)")
         if any(isinstance(x, Tracer) for x in jax.tree.leaves(camera)):
             raise ValueError(
                 "a Renderer takes cameras of numbers, not inside of jit, grad or vmap: there, use "
@@ -324,14 +327,7 @@ class Renderer:
         camera = batch.views[0].camera
         motion, rays = prepare_trace(scene, camera, part, settings=unknown)
         capacity = measure(motion, rays, options=trace, headroom=1.5)
-        # A device sees its share of the bundles, but any one device may get the fullest.
-        share = self.mesh.size if batch.alone else 1
-        return Capacity(
-            tuple(max(-(-c * 5 // (4 * share)), 64) for c in capacity.cells),
-            max(-(-capacity.pairs * 5 // (4 * share)), 64),
-            capacity.slots,
-            capacity.transient,
-        )
+        return capacity_of_device(capacity, self.mesh.size if batch.alone else 1)
 
     def _first_sizes(self, batch: FrameBatch, place: PlacedPart, scene: Scene) -> Capacity:
         """Sizes that the first sample of a batch fits into, at least those of an ordinary scene."""

@@ -33,6 +33,22 @@ class Capacity(eqx.Module):
     transient: int = eqx.field(static=True, default=0)
 
 
+def capacity_of_device(capacity: Capacity, devices: int) -> Capacity:
+    """The list sizes of one of several devices that share the bundles of a picture: a quarter more
+    than its share, because any one device may get the fullest.
+
+    Args:
+        capacity: the list sizes of all bundles.
+        devices: how many devices share them.
+    """
+
+    def share(size: int) -> int:
+        return max(-(-size * 5 // (4 * devices)), 64)
+
+    cells = tuple(map(share, capacity.cells))
+    return capacity._replace(cells=cells, pairs=share(capacity.pairs))
+
+
 def enlarged_size(present: int, wanted: int, *, headroom: float, near: float = 0.8) -> int:
     """A size of lists that leaves room. Rounded up to an eighth of a power of two, so that growth
     recompiles rarely.

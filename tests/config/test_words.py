@@ -1,8 +1,10 @@
 """Words of a command line that Hydra's grammar has no room for."""
 
 import pytest
+from omegaconf import OmegaConf
 
 from gaussray.config.compose import compose_config
+from gaussray.config.run_folder import changed_keys
 
 
 @pytest.mark.parametrize(
@@ -46,3 +48,16 @@ def test_scores_of_the_sample_leave_no_folder_of_its_name():
     cfg = compose_config("evaluate", ["scene=sample", "truth=sample"])
     assert cfg.out == "runs/sample/evaluation"
     assert compose_config("evaluate", ["scene=a", "truth=b"]).out == "a/evaluation"
+
+
+def test_keys_that_differ_from_a_finished_run_are_named(tmp_path):
+    words = ["capture.path=DIR", f"out={tmp_path}"]
+    cfg = compose_config("reconstruct", words)
+    assert changed_keys(cfg) == []
+    (tmp_path / "config.yaml").write_text(OmegaConf.to_yaml(cfg))
+    assert changed_keys(cfg) == []
+    other = compose_config("reconstruct", [*words, "fit.seed=9", "capture.scale=0.5", "quiet=true"])
+    assert changed_keys(other) == ["capture.scale", "fit.seed"]
+    assert changed_keys(other, most=1) == ["capture.scale"]
+    (tmp_path / "config.yaml").write_text("{")
+    assert changed_keys(other) == []

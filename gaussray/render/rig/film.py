@@ -1,6 +1,7 @@
 """The film of a rig's cameras, from options: picture size and pixel filter."""
 
 import dataclasses
+import math
 
 import equinox as eqx
 
@@ -8,6 +9,7 @@ from gaussray.camera.camera import Camera
 from gaussray.camera.film import Film
 from gaussray.capture.view_part import shutter_of_part
 from gaussray.capture.window import Window
+from gaussray.io.safe.limits import within
 
 
 FITS = ("width", "crop", "letterbox")
@@ -36,6 +38,7 @@ class FilmOptions(eqx.Module):
                 f"film.size must be [width,height] in pixels, such as [1920,1080], got "
                 f"{list(self.size)}."
             )
+        within("film.size", "its megapixels", math.prod(self.size), "picture", 1e6)
         if self.fit not in FITS:
             raise ValueError(f"film.fit must be one of {', '.join(FITS)}, got {self.fit!r}.")
 
