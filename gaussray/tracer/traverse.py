@@ -46,7 +46,7 @@ def capacity_of_device(capacity: Capacity, devices: int) -> Capacity:
         return max(-(-size * 5 // (4 * devices)), 64)
 
     cells = tuple(map(share, capacity.cells))
-    return capacity._replace(cells=cells, pairs=share(capacity.pairs))
+    return Capacity(cells, share(capacity.pairs), capacity.slots, capacity.transient)
 
 
 def enlarged_size(present: int, wanted: int, *, headroom: float, near: float = 0.8) -> int:

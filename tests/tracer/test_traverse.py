@@ -13,7 +13,7 @@ from scenes import OPTIONS, RAYS, moving, rays, shot, wandering
 
 from gaussray.tracer import traverse
 from gaussray.tracer.trace import enlarged_capacity, find_candidates, measure
-from gaussray.tracer.traverse import Capacity
+from gaussray.tracer.traverse import Capacity, capacity_of_device
 
 
 # Hits that a rounding of single precision could lift over the cut-off do not count.
@@ -137,3 +137,9 @@ def test_enlarge_keeps_what_is_large_enough_and_raises_what_nearly_is_not():
     grown = enlarged_capacity(capacity, [101, 160, 241, 65])
     assert grown.cells[0] >= 131 and grown.cells[1:] == (200,)
     assert grown.pairs >= 313 and grown.slots == 128
+
+
+def test_a_device_has_room_for_a_quarter_more_than_its_share():
+    whole = Capacity((1000, 40), 4001, 32, 7)
+    assert capacity_of_device(whole, 4) == Capacity((313, 64), 1251, 32, 7)
+    assert capacity_of_device(whole, 1) == Capacity((1250, 64), 5002, 32, 7)
