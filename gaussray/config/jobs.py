@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from gaussray.camera.sensor.sensor import SensorOptions
+from gaussray.camera.shutter import time_window
 from gaussray.capture.capture import View
 from gaussray.config.compose import Configuration
 from gaussray.config.options import as_type, build_options
@@ -21,8 +22,13 @@ from gaussray.render.rig.used_keys import apply_implied_choices, check_used_keys
 from gaussray.render.rig.validate import check_cameras
 from gaussray.scene.formats.any_file import is_foreign, load
 from gaussray.scene.scene import Scene
-from gaussray.scene.segmented import Clip
+from gaussray.scene.segmented import Clip, segments_of
 from gaussray.tracer.trace import TraceOptions
+
+
+# Rows of the last picture may be read after the last time: by more than this share of all times, a
+# picture is told to be outside.
+_FAR = 0.1
 
 
 def rig_options(cfg: Configuration) -> rigs.RigOptions:
@@ -81,6 +87,7 @@ def render_job(
     )
     physical.check_shape(units, (record.camera.film for record in records))
     check_cameras(in_scene_units, records)
+    _note_of_times(scene, records, note)
     interval = frame_interval(views)
     labels = _possible_labels(labels, records, interval, note)
     info = physical.units_record(rig, units)
@@ -99,6 +106,28 @@ def _note_of_cameras(
         note(
             f"No camera is held out, so all {len(names)} are rendered ({some}); "
             "camera.names=[CAMERA] chooses some."
+        )
+
+
+def _note_of_times(
+    scene: Scene | Clip, records: Sequence[FrameRecord], note: Callable[[str], Any]
+) -> None:
+    """Say how many pictures are exposed far outside of the scene's times, where nothing moves."""
+    ranges = np.array([np.asarray(one.time_range) for one in segments_of(scene)])
+    begin, end = float(ranges.min()), float(ranges.max())
+    windows: dict[int, tuple[float, float]] = {}
+    outside = 0
+    for camera in (record.camera for record in records):
+        key = id(camera.shutter)
+        if key not in windows:
+            windows[key] = time_window(camera.shutter, (camera.film.width, camera.film.height))
+        first, last = (float(camera.time) + moment for moment in windows[key])
+        outside += max(begin - first, last - end) > _FAR * (end - begin)
+    if outside and end > begin:
+        note(
+            f"{outside} of {len(records)} pictures are exposed far outside of the scene's times, "
+            f"{begin:g} to {end:g}, where nothing moves. Times are in the capture's unit; "
+            "physical.* takes milliseconds."
         )
 
 

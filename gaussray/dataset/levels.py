@@ -100,5 +100,6 @@ def require_finite(unfit: int) -> None:
     """
     if unfit:
         raise ValueError(
-            f"a picture stored in 8 bits must be finite, got {unfit} values that are not."
+            f"a picture stored in 8 bits must be finite, got {unfit} values that are not. Lower "
+            "sensor.exposure, or store light (format=exr)."
         )

@@ -11,7 +11,7 @@ from gaussray.render.rig.rig import load_views
 from gaussray.scene.store import save_scene
 
 
-def notes(folder, split, *overrides):
+def notes(folder, split, *overrides, about="held out"):
     """The lines that a job gives about the cameras of a run with this split in place of others."""
     save_scene(folder / "scene.npz", toy.scene())
     listed = toy.records()
@@ -21,7 +21,7 @@ def notes(folder, split, *overrides):
     said = []
     cfg = compose_config("render", [f"scene={folder}", f"out={folder}/out", *overrides])
     render_job(cfg, lambda _: toy.scene(), load_views, said.append)
-    return [line for line in said if "held out" in line]
+    return [line for line in said if about in line]
 
 
 def test_a_capture_that_holds_out_no_camera_says_which_are_rendered(tmp_path):
@@ -38,3 +38,12 @@ def test_chosen_or_held_out_cameras_need_no_word(tmp_path):
     assert not notes(tmp_path, "train", f"camera.names=[{toy.CAMERAS[0]}]")
     assert not notes(tmp_path, "train", "camera.split=train")
     assert not notes(tmp_path, "train", "camera=orbit")
+
+
+def test_pictures_far_outside_of_the_scenes_times_are_told(tmp_path):
+    about = "exposed far outside"
+    assert not notes(tmp_path, None, "shutter.readout=0.05", about=about)
+    (line,) = notes(tmp_path, None, "shutter.readout=20", about=about)
+    assert "of the scene's times, 0 to 1" in line and "physical.*" in line
+    (line,) = notes(tmp_path, None, "shutter.trigger=[100]", about=about)
+    assert line.startswith("3 of 3 ")

@@ -1,11 +1,13 @@
 """Exports a moving scene as a sequence: a file for each timestamp, as viewers play them."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
 
 from gaussray.io.atomic import whole
+from gaussray.io.safe.files import read_json
 from gaussray.runtime.devices import leads
 from gaussray.scene.formats.convert import check_export, export_model, gaussians_at
 from gaussray.scene.formats.usd import write_usd
@@ -15,6 +17,8 @@ from gaussray.scene.segmented import Clip
 
 # The file beside a sequence that says the time of each.
 TIMES_FILE = "times.json"
+# What the files of a sequence are called.
+_FRAME = re.compile(r"frame_\d{4,}\.\w+")
 
 
 def export_sequence(
@@ -61,7 +65,19 @@ def export_sequence(
             scene, Path(out) / file, time, color=color, degree=degree, file_format=file_format
         )
     if leads():
+        for stale in _listed(Path(out)) - set(files):
+            (Path(out) / stale).unlink(missing_ok=True)
         frames = [{"file": file, "time": time} for file, time in zip(files, times, strict=True)]
         with whole(Path(out) / TIMES_FILE) as partial:
             partial.write_text(json.dumps({"frames": frames}, indent=1) + "\n")
     return f"{count} files, at the times {begin:g} to {end:g} ({TIMES_FILE})."
+
+
+def _listed(folder: Path) -> set[str]:
+    """The files of the sequence that an earlier export has left in a folder."""
+    try:
+        frames = read_json(folder / TIMES_FILE)["frames"]
+        names = [frame["file"] for frame in frames]
+    except (OSError, ValueError, KeyError, TypeError):
+        return set()
+    return {name for name in names if isinstance(name, str) and _FRAME.fullmatch(name)}

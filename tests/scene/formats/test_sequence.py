@@ -39,6 +39,22 @@ def test_a_sequence_has_a_file_for_each_timestamp(moving, tmp_path, capsys):
     assert "3 files, at the times 0 to 1" in capsys.readouterr().out
 
 
+def test_a_shorter_sequence_leaves_no_file_of_a_longer_one(moving, tmp_path):
+    export_sequence(moving, tmp_path, 3)
+    (tmp_path / "frame_0009.ply").write_text("of somebody else")
+    export_sequence(moving, tmp_path, 2)
+    names = sorted(path.name for path in tmp_path.glob("frame_*"))
+    assert names == ["frame_0000.ply", "frame_0001.ply", "frame_0009.ply"]
+
+
+def test_a_file_of_times_names_no_other_file(moving, tmp_path):
+    (tmp_path / "keep.txt").write_text("")
+    listed = {"frames": [{"file": "keep.txt"}, {"file": "../frame_0007.ply"}, {"file": 1}]}
+    (tmp_path / "times.json").write_text(json.dumps(listed))
+    export_sequence(moving, tmp_path, 1)
+    assert (tmp_path / "keep.txt").exists()
+
+
 def test_a_time_and_a_count_exclude_each_other(moving, tmp_path, capsys):
     save_scene(tmp_path / "scene.npz", moving)
     words = [f"scene={tmp_path}/scene.npz", f"out={tmp_path}/frames", "count=3", "time=0.5"]
