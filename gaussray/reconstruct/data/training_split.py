@@ -51,6 +51,6 @@ def division_sentence(capture: Capture, chosen: bool) -> str:
     why = "as capture.test says" if chosen else "as the capture's format or files say"
     return (
         f"Fits {fitted} of {len(capture.views)} pictures and holds out {len(held)} to score the "
-        f"scene ({'camera' if len(names) == 1 else 'cameras'} {listed}), {why}. capture.test=[] "
-        "fits all, capture.test=[CAMERA, ...] holds out others."
+        f"scene by `gaussray evaluate` ({'camera' if len(names) == 1 else 'cameras'} {listed}), "
+        f"{why}. capture.test=[] fits all, capture.test=[CAMERA, ...] holds out others."
     )
