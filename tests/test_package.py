@@ -62,7 +62,9 @@ def test_a_word_stands_for_the_sample_unless_a_folder_has_its_name(tmp_path, mon
     words = ["scene=sample", "cameras=sample", "out=OUT"]
     cfg = compose_config("render", words)
     assert cfg.scene == str(sample("scene")) and cfg.cameras == str(sample("capture"))
-    assert compose_config("evaluate", ["scene=sample", "truth=sample"]).out == "sample/evaluation"
+    assert (
+        compose_config("evaluate", ["scene=sample", "truth=sample"]).out == "runs/sample/evaluation"
+    )
     assert set(PARTS) == {"scene", "cameras", "truth", "capture.path"}
     (tmp_path / WORD).mkdir()
     assert compose_config("render", words).scene == WORD

@@ -10,12 +10,14 @@ import pytest
 import toy
 from omegaconf import OmegaConf
 
+from gaussray.capture.open import open_capture
 from gaussray.cli.commands import RUN, should_resume
 from gaussray.cli.help import COMMANDS, EXITS, MOST_USED
 from gaussray.cli.main import main
 from gaussray.config.schema import keys
 from gaussray.dataset.images import write_image
 from gaussray.dataset.manifest import write_manifest
+from gaussray.reconstruct.same_capture import write_capture_facts
 from gaussray.scene.array_file import write_arrays
 from gaussray.scene.store import save_scene
 
@@ -502,3 +504,25 @@ def test_the_compilers_own_log_is_not_shown_unless_it_is_asked_for(level):
     words = [sys.executable, "-c", SLOW_COMPILATION]
     told = subprocess.run(words, env=environment, capture_output=True, text=True, check=True)
     assert ("Constant folding" in told.stderr) == (level == "1")
+
+
+def test_a_refused_render_leaves_the_record_of_what_is_there(fails, tmp_path, scene_file):
+    words = ["render", f"scene={scene_file}", f"out={tmp_path}/a", "report=false"]
+    words += ["render.samples=1", "camera.times=[0]", "progress=quiet"]
+    main([*words, "lens=pinhole", "lens.fov=60"])
+    record = (
+        (tmp_path / "a" / "config.yaml").read_bytes(),
+        (tmp_path / "a" / "run.json").read_bytes(),
+    )
+    assert "of another scene, camera or option" in fails(*words, "lens=pinhole", "lens.fov=50")
+    kept = (tmp_path / "a" / "config.yaml").read_bytes(), (tmp_path / "a" / "run.json").read_bytes()
+    assert kept == record
+
+
+def test_a_run_is_not_resumed_with_other_pictures(fails, tmp_path, capture):
+    write_capture_facts(tmp_path, open_capture(capture))
+    (tmp_path / "checkpoint.npz").touch()
+    (tmp_path / "config.yaml").write_text("as it was")
+    words = ["reconstruct", f"capture.path={capture}", f"out={tmp_path}", "resume=true"]
+    assert "of other pictures" in fails(*words, "capture.scale=0.5")
+    assert (tmp_path / "config.yaml").read_text() == "as it was"

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from quads import looking
-from sparse import FOCAL, around, reconstruction
+from reconstructions import FOCAL, around, reconstruction
 
 from gaussray.prepare.focal_length import expected_focal_lengths, settled_focal_length
 from gaussray.prepare.options import PosesOptions

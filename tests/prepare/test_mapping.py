@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from sparse import FOCAL, around, reconstruction
+from reconstructions import FOCAL, around, reconstruction
 
 from gaussray.prepare import mapping
 from gaussray.prepare.errors import PrepareError

@@ -24,7 +24,11 @@ from gaussray.render.job import RenderJob
 from gaussray.render.options import DatasetOptions, RenderOptions
 from gaussray.render.randomize import generate
 from gaussray.render.randomize.distributions import draw_values, read_distributions
-from gaussray.render.randomize.generate import draw_sample, generate_samples
+from gaussray.render.randomize.generate import (
+    draw_sample,
+    generate_samples,
+    refuse_other_samples,
+)
 from gaussray.render.randomize.options import FactoryOptions
 from gaussray.report import write_page
 from gaussray.report.dataset import SHOWN
@@ -191,6 +195,23 @@ def test_what_is_there_is_kept_and_more_takes_leave_the_first_as_they_are(tmp_pa
     assert after["manifest.jsonl"].startswith(before.pop("manifest.jsonl"))
     assert after["preview.png"] != before.pop("preview.png")
     assert before.items() <= after.items()
+
+
+def test_a_smaller_number_leaves_the_samples_of_a_larger_one_listed(tmp_path, filmed):
+    made(tmp_path, count=4)
+    before = contents(tmp_path)["manifest.jsonl"]
+    assert made(tmp_path, count=2) == 0
+    assert contents(tmp_path)["manifest.jsonl"] == before
+
+
+def test_samples_of_other_values_are_refused_before_anything_is_written(tmp_path, filmed):
+    told = FactoryOptions(redraws=50, count=2)
+    refuse_other_samples(tmp_path, RADIUS, make_job, told)
+    made(tmp_path, count=2)
+    refuse_other_samples(tmp_path, RADIUS, make_job, told)
+    other = FactoryOptions(redraws=50, count=2, seed=1)
+    with pytest.raises(ValueError, match="other values of seed, .*drawn.aperture.radius, "):
+        refuse_other_samples(tmp_path, RADIUS, make_job, other)
 
 
 def test_a_take_of_another_distribution_or_scene_is_refused(tmp_path, filmed):
