@@ -1,5 +1,6 @@
 """Checks of parameter values on the host, with messages of one form."""
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any
 
@@ -51,6 +52,31 @@ def check_kind(key: str, value: Any, kind: type | tuple[type, ...], rule: str) -
     """
     if not isinstance(value, kind):
         raise ValueError(f"{key} must be {rule}, got {value!r}.")
+
+
+_KINDS: dict[type, tuple[tuple[type, ...], str]] = {
+    bool: ((bool, np.bool_), "true or false"),
+    int: ((int, np.integer), "a whole number"),
+    float: ((int, float, np.integer, np.floating), "a number"),
+    str: ((str,), "a text"),
+}
+
+
+def check_field_types(group: str, options: Any) -> None:
+    """Raise `<group>.<field> must be <kind>, got <value>.` unless each field has the type of its
+    default.
+
+    Args:
+        group: What messages call the options.
+        options: A dataclass; fields whose default is no number and no text are not checked.
+    """
+    for field in dataclasses.fields(options):
+        if type(field.default) in _KINDS:
+            kinds, rule = _KINDS[type(field.default)]
+            value = getattr(options, field.name)
+            truth = isinstance(value, bool) and bool not in kinds
+            if truth or not isinstance(value, kinds):
+                raise ValueError(f"{group}.{field.name} must be {rule}, got {value!r}.")
 
 
 def known(*values: Any) -> bool:

@@ -3,6 +3,7 @@
 import equinox as eqx
 
 from gaussray.camera.corrections import REFINABLE
+from gaussray.io.validate import check_field_types
 from gaussray.reconstruct.initialize.body_tracking import TrackOptions
 from gaussray.reconstruct.optimize.density import DensityOptions
 from gaussray.reconstruct.optimize.learning_rates import OptimizerOptions
@@ -116,6 +117,7 @@ class FitOptions(eqx.Module):
     seed: int = eqx.field(static=True, default=0)
 
     def __check_init__(self):
+        check_field_types("fit", self)
         for name in ("coarse", "tiles", "tile_side", "block", "points", "instants"):
             if getattr(self, name) < 1:
                 raise ValueError(f"fit.{name} must be at least 1, got {getattr(self, name)}.")
