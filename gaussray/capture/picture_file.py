@@ -199,9 +199,7 @@ def check_images(views: Sequence[PictureFile]) -> None:
     wrong = []
     for view in views:
         try:
-            size = stored_size(view)
-            turned = not frame_of(view.image) and is_turned(open_image(view.image).spec(), *size)
-            check_size(view.image, size if turned else picture_size(view.image), *size)
+            check_size(view.image, _size_for(view), *stored_size(view))
         except (OSError, CaptureError) as error:
             wrong.append(str(error))
     if wrong:
@@ -209,6 +207,14 @@ def check_images(views: Sequence[PictureFile]) -> None:
         raise CaptureError(
             "\n".join([f"{len(wrong)} of {len(views)} pictures:", *wrong[:10], *more])
         )
+
+
+def _size_for(view: PictureFile) -> tuple[int, int]:
+    """The size of a view's file as it is read for the view (`is_turned`)."""
+    if frame_of(view.image):
+        return picture_size(view.image)
+    spec, wanted = open_image(view.image).spec(), stored_size(view)
+    return wanted if is_turned(spec, *wanted) else (spec.width, spec.height)
 
 
 def check_size(path: Path | str, size: Sequence[int], width: int, height: int) -> None:

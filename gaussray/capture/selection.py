@@ -11,9 +11,9 @@ import numpy as np
 
 from gaussray.capture.capture import Capture, View
 from gaussray.capture.errors import CaptureError, CaptureWarning
+from gaussray.capture.formats.picture_places import absent_picture_hint
 from gaussray.capture.picture_file import picture_exists
 from gaussray.capture.view_part import part_of_view
-from gaussray.io.safe.files import same_name_hint
 
 
 # What is done with frames whose picture does not exist.
@@ -102,7 +102,7 @@ def _with_pictures(capture: Capture, missing: str) -> Capture:
         f"{capture.folder}: {len(absent)} of {len(every)} frames have no picture, such as {first}"
     )
     if missing == "error" or len(absent) == len(every):
-        hint = same_name_hint(capture.folder, first.name)
+        hint = absent_picture_hint(capture.folder, first.name)
         raise CaptureError(f"{text}.{hint} Copy the pictures there, or remove the frames.")
     warnings.warn(f"{text}; they are left out.", CaptureWarning, stacklevel=4)
 

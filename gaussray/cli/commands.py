@@ -119,19 +119,25 @@ def _tensorboard(cfg: Configuration, out: Path) -> Callable[[dict[str, Any]], No
 
 def _render(cfg: Configuration, devices: int | None) -> dict[str, Any]:
     from gaussray.config.jobs import render_job
-    from gaussray.render.dataset import claim_dataset, render_dataset
+    from gaussray.render.dataset import render_dataset
 
     for key in ("dataset", "sample"):
         if cfg[key]:
             named = f"dataset={cfg.dataset}" if key == "dataset" else key
             raise ValueError(f"{named} needs factory.count of at least 1, got 0.")
     job = render_job(cfg, note=say)
-    renderer, quiet = job.renderer(devices), cfg.quiet
+    out = Path(cfg.out)
+    # For all of the command, as its report is written as well.
+    lock_output(out)
     # The record of what is there stays if it is something else.
-    lock_output(Path(cfg.out))
-    claim_dataset(renderer, job.records, Path(cfg.out), job.dataset)
-    out = begin_run_folder(cfg)
-    render_dataset(renderer, job.records, out, options=job.dataset, quiet=quiet)
+    render_dataset(
+        job.renderer(devices),
+        job.records,
+        out,
+        options=job.dataset,
+        quiet=cfg.quiet,
+        begun=lambda: begin_run_folder(cfg),
+    )
     effect, count = job.records[0].effect, len(job.records)
     text = f"{out}: {count} {'picture' if count == 1 else 'pictures'} ({effect.replace('_', ' ')})."
     text += f" Open {out / 'report.html'} in a browser." if cfg.report else ""

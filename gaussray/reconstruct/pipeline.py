@@ -125,8 +125,10 @@ def reconstruct(
             _save(file, scene, report)
             if file == files[0]:
                 write_refined_cameras(out / "cameras.json", session, state)
-        for sentence in segment_sentences(session, state, report, first=file == files[0]):
-            tell(sentence, quiet)
+        # Hosts that write no file do not know its size.
+        if not quiet:
+            for sentence in segment_sentences(session, state, report, first=file == files[0]):
+                tell(sentence, quiet)
         scenes.append(scene)
         reports.append(report)
         if file != files[-1]:
@@ -138,10 +140,8 @@ def reconstruct(
     result, report = scenes[0], reports[0]
     if len(scenes) > 1:
         result, report = Clip(tuple(scenes)), clip_report(reports)
-        whole_clip = f"the clip of {len(scenes)} segments"
-        tell(summary_line(report, whole_clip) if "after" in report else "", quiet)
     if leads():
-        _finish(out, result, report, files)
+        _finish(out, result, report, files, quiet)
         log.checkpoint.unlink(missing_ok=True)
     wait("reconstructed")
     return result
@@ -154,10 +154,15 @@ def _scene_files(out: Path, count: int) -> list[Path]:
     return [out / "segments" / f"{i:04d}.npz" for i in range(1, count + 1)]
 
 
-def _finish(out: Path, result: Scene | Clip, report: dict[str, Any], files: list[Path]) -> None:
-    """Write the scene of all segments and the report, and remove what they replace."""
+def _finish(
+    out: Path, result: Scene | Clip, report: dict[str, Any], files: list[Path], quiet: bool
+) -> None:
+    """Write the scene of all segments, tell of it, write the report, and remove what they
+    replace."""
     if len(files) > 1:
         _save(out / "scene.npz", result, report)
+        name = f"the clip of {len(files)} segments"
+        tell(summary_line(report, name) if "after" in report else "", quiet)
     with whole(out / "requirement.json") as partial:
         partial.write_text(json.dumps(report, indent=2) + "\n")
     if len(files) > 1:

@@ -46,6 +46,7 @@ def render_dataset(
     *,
     options: DatasetOptions | None = None,
     quiet: bool = False,
+    begun: Callable[[], object] = lambda: None,
     finished: Callable[[FrameRecord], object] = lambda record: None,
 ) -> Path:
     """Render a dataset into a folder: a picture per record, a manifest per effect, videos, labels.
@@ -61,6 +62,8 @@ def render_dataset(
         out: Folder for everything that is written.
         options: Sensor, labels, frame rate of the videos, and facts for the manifests.
         quiet: Whether to report no progress.
+        begun: Called once before the first file of the dataset is written, when it is known that
+            the folder holds no other one.
         finished: Called with the record of every picture that this call has written.
 
     Returns:
@@ -72,9 +75,10 @@ def render_dataset(
         OSError: A file cannot be written, or pictures of other hosts do not appear in the folder.
     """
     options = options or DatasetOptions()
-    out = Path(out)
-    claim_dataset(renderer, records, out, options)
-    records = with_label_files(records, options.labels)
+    out, scene, records = Path(out), renderer.scene, with_label_files(records, options.labels)
+    check_dataset(scene, records, options)
+    claim_folder(out, scene, records, _settings(renderer, options))
+    begun()
     if leads():
         sweep(out, deep=True)
     # Hosts look for existing pictures only after host 0 has removed incomplete files.
@@ -111,27 +115,6 @@ def render_dataset(
             videos.finish()
     wait("videos")
     return out
-
-
-def claim_dataset(
-    renderer: Renderer, records: Sequence[FrameRecord], out: Path, options: DatasetOptions
-) -> None:
-    """Check a dataset, and that its folder holds no other one, before anything is written there.
-
-    Args:
-        renderer: The renderer, with its scene.
-        records: The frames.
-        out: Folder of the dataset, which notes what it is of.
-        options: Labels and sensor.
-
-    Raises:
-        ValueError: The folder holds pictures of another scene, camera or option; or the dataset is
-            not possible (`check_dataset`).
-        OSError: The folder cannot be written.
-    """
-    records = with_label_files(records, options.labels)
-    check_dataset(renderer.scene, records, options)
-    claim_folder(out, renderer.scene, records, _settings(renderer, options))
 
 
 def check_dataset(

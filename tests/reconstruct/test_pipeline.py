@@ -15,7 +15,7 @@ from gaussray.capture.capture import View
 from gaussray.capture.errors import CaptureWarning
 from gaussray.capture.formats.paired import read_capture
 from gaussray.evaluate.pipeline import EvaluateOptions, evaluate
-from gaussray.reconstruct import loop, segment_fit, step as training, step_plan
+from gaussray.reconstruct import loop, pipeline, segment_fit, step as training, step_plan
 from gaussray.reconstruct.data import held_out_tiles
 from gaussray.reconstruct.data.loader import Loader
 from gaussray.reconstruct.initialize.body_tracking import TrackOptions
@@ -28,10 +28,12 @@ from gaussray.reconstruct.pipeline import reconstruct
 from gaussray.reconstruct.run_progress import RunProgress
 from gaussray.reconstruct.session import Session
 from gaussray.reconstruct.simplify.prune import NeedOptions
+from gaussray.reconstruct.simplify.summary import clip_report
 from gaussray.reconstruct.start import initial_state
 from gaussray.reconstruct.step_loss import BlockSizes
 from gaussray.render.renderer import RenderOptions
 from gaussray.scene.gaussians import unconstrain
+from gaussray.scene.segmented import Clip
 from gaussray.scene.store import load_scene
 
 
@@ -462,3 +464,18 @@ def test_the_report_says_what_the_design_says(fitted, capture, tmp_path):
     assert set(report["scene"]) == {"gaussians", "moving", "bytes"}
     assert report["effects"]["pinhole"]["psnr"] > FLOOR
     assert (tmp_path / "contact_sheet.png").is_file()
+
+
+def test_a_clip_ends_with_a_line_about_its_file(tmp_path, capsys):
+    part = {"gaussians": 10, "moving": 4, "bytes": 1000}
+    segments = [{"precision": "full", "before": part, "after": part} for _ in range(2)]
+    files = [tmp_path / "segments" / f"{k}.npz" for k in range(2)]
+    files[0].parent.mkdir()
+    clip = Clip((toy.carried(0.0, 0.5), toy.carried(0.5, 1.0)))
+    pipeline._finish(tmp_path, clip, clip_report(segments), files, quiet=False)
+    size = (tmp_path / "scene.npz").stat().st_size
+    line = (
+        f"the clip of 2 segments needs 20 of 20 Gaussians (8 of 8 move): 0.002 -> {size / 1e6:.2g}"
+    )
+    assert capsys.readouterr().out.startswith(line)
+    assert json.loads((tmp_path / "requirement.json").read_text())["file"] == size

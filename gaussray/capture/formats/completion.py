@@ -11,11 +11,11 @@ from gaussray.capture.formats.json_keys import Keys
 from gaussray.capture.formats.picture_places import (
     KNOWN_SUFFIXES,
     PICTURE_SUFFIXES,
+    absent_picture_hint,
     with_found_pictures,
 )
 from gaussray.capture.picture_file import picture_exists, picture_size
 from gaussray.capture.videos import frame_of
-from gaussray.io.safe.files import same_name_hint
 
 
 def completed(frames: list[Keys]) -> list[Keys]:
@@ -50,8 +50,8 @@ def no_picture(frame: Keys) -> FileNotFoundError:
     name, folder = frame.text("file_path"), frame.file.parent
     return FileNotFoundError(
         f"{frame.where}: file_path must name a picture, got {name!r}: neither it nor another "
-        f"frame's picture is in {folder}.{same_name_hint(folder, name)} Copy the pictures there, "
-        "or correct the paths."
+        f"frame's picture is in {folder}.{absent_picture_hint(folder, name)} Copy the pictures "
+        "there, or correct the paths."
     )
 
 

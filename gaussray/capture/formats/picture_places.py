@@ -10,6 +10,7 @@ from typing import Any
 
 from gaussray.capture.formats.json_keys import Keys
 from gaussray.capture.picture_file import picture_exists
+from gaussray.io.safe.files import file_of_same_name
 
 
 # Suffixes that are tried, in this order, where `file_path` has none.
@@ -62,7 +63,7 @@ def with_found_pictures(frames: list[Keys]) -> list[Keys]:
                 for path in (_moved(name, before, place) for name in names)
             )
             for place in _places_of(folder, first[-kept:])
-            if not _has_own_model(folder, place)
+            if _home_of_model(folder, place) is None
             if not (_SPLITS.intersection(before[-1:]) and _SPLITS.intersection(place[-1:]))
         }
         best = max(places.values(), default=0)
@@ -134,11 +135,26 @@ def _with_spellings(frame: Keys, spelt: dict[str, str]) -> Keys:
     return dataclasses.replace(frame, values={**frame.values, **lists, **path})
 
 
-def _has_own_model(folder: Path, place: tuple[str, ...]) -> bool:
-    """Whether pictures of a place are those of another model: undistorted ones have other lenses,
-    and often the same names."""
+def absent_picture_hint(folder: Path, name: str) -> str:
+    """A sentence that tells where a picture of the name of an absent one lies, and whether it is
+    one of another model; empty if nowhere.
+
+    Args:
+        folder: where to look, also in its folders and in theirs.
+        name: the path that names no picture.
+    """
+    path = file_of_same_name(folder, name)
+    home = path and _home_of_model(folder, path.relative_to(folder).parts[:-1])
+    if home:
+        return f" A file of this name is {path}, which belongs to a model of its own: name {home}."
+    return f" A file of this name is {path}." if path else ""
+
+
+def _home_of_model(folder: Path, place: tuple[str, ...]) -> Path | None:
+    """The folder on the way to a place that holds a model of its own; None if there is none. The
+    pictures there are others: undistorted ones have other lenses, and often the same names."""
     homes = (folder.joinpath(*place[:k]) for k in range(1, len(place) + 1))
-    return any((home / name).is_dir() for home in homes for name in _MODELS)
+    return next((h for h in homes if any((h / name).is_dir() for name in _MODELS)), None)
 
 
 def _parts(name: str) -> tuple[str, ...]:

@@ -178,12 +178,18 @@ def same_name_hint(folder: Path, name: str) -> str:
         folder: where to look, also in its folders and in theirs.
         name: the path that names no file.
     """
+    path = file_of_same_name(folder, name)
+    return "" if path is None else f" A file of this name is {path}."
+
+
+def file_of_same_name(folder: Path, name: str) -> Path | None:
+    """A file in a folder, in its folders or in theirs that has the name of an absent one; None if
+    there is none.
+
+    Args:
+        folder: where to look.
+        name: the path that names no file.
+    """
     last = glob.escape(re.split(r"[/\\]", name)[-1])
     found = (path for place in ("", "*/", "*/*/") for path in folder.glob(place + last))
-    path = next((path for path in found if path.is_file()), None)
-    if path is None:
-        return ""
-    home = next((p for p in path.parents if p != folder and (p / "sparse").is_dir()), None)
-    if home is not None and home.is_relative_to(folder):
-        return f" A file of this name is {path}, which belongs to a model of its own: name {home}."
-    return f" A file of this name is {path}."
+    return next((path for path in found if path.is_file()), None)

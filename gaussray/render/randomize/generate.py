@@ -213,10 +213,11 @@ def refuse_other_samples(
     if index is not None:
         sample = draw_sample(index, distributions, make_job, options=options)
         if sample.job:
-            is_complete(out / folder_of(index), _facts(sample, options.seed, SharedRenderers(None)))
+            scene_hash = array_digest(sample.job.scene).hexdigest()
+            is_complete(out / folder_of(index), _facts(sample, options.seed, scene_hash))
 
 
-def _facts(sample: Sample, seed: int, shared: SharedRenderers) -> dict[str, Any]:
+def _facts(sample: Sample, seed: int, scene_hash: str) -> dict[str, Any]:
     """What a sample is made of, for its line."""
     return {
         "version": VERSION,
@@ -226,7 +227,7 @@ def _facts(sample: Sample, seed: int, shared: SharedRenderers) -> dict[str, Any]
         "attempt": sample.attempt,
         "drawn": sample.values,
         "parameters": sample.parameters,
-        "scene_sha256": shared.scene_hash(sample.job.scene),
+        "scene_sha256": scene_hash,
     }
 
 
@@ -243,7 +244,7 @@ def _render(
         Whether it was rendered; it may have been there already.
     """
     folder, job = out / folder_of(sample.index), sample.job
-    facts = _facts(sample, seed, shared)
+    facts = _facts(sample, seed, shared.scene_hash(job.scene))
     if is_complete(folder, facts):
         return False
     sweep(folder, deep=True)
