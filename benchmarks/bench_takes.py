@@ -40,7 +40,7 @@ def main() -> None:
     watch.start()
     gaussray(
         [
-            *("render", "scene=sample", "sample=cameras", f"factory.count={chosen.takes}"),
+            *("render", "scene=sample", "sample=cameras", f"dataset.count={chosen.takes}"),
             *(f"out={chosen.out}", "report=false", f"sample.lens.choice=[{','.join(lenses)}]"),
             *chosen.words,
         ]

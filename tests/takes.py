@@ -46,10 +46,10 @@ if __name__ == "__main__":
     mortal(int(number))
     main(
         [
-            *("render", f"scene={scene}", f"out={out}", "factory.count=6", "quiet=true"),
+            *("render", f"scene={scene}", f"out={out}", "dataset.count=6", "quiet=true"),
             *("format=exr", "camera.times=[0.0,0.5]", "render.samples=1", "devices.count=1"),
             *("trace.levels=0", "trace.group=2", "trace.chunk=8"),
             *("trace.k=4", "lens=pinhole", "sample.lens.fov.uniform=[60,120]"),
-            *("sample.camera.names.choice=[[cam_0],[cam_1]]", "factory.frames=0"),
+            *("sample.camera.names.choice=[[cam_0],[cam_1]]", "dataset.frames=0"),
         ]
     )

@@ -48,6 +48,8 @@ OTHERS = ("colmap", "ffmpeg", "mkdir", "cd", "uv", "git", "podman", "pytest", "r
 IN_FILES = {"lens.shift", "aperture.rim", "sample.lens.choice"}
 # Another name of film.size, which configuration reads before Hydra does.
 ALIASES = {"render.size"}
+# A file that is named as a key would be.
+FILES = {"dataset.json"}
 
 pytestmark = pytest.mark.usefixtures("known_sizes")
 
@@ -107,7 +109,7 @@ def checked_verb(words):
         build_options(EvaluateOptions, cfg.evaluate)
     if verb == "render":
         build_options(SensorOptions, cfg.sensor)
-        if not cfg.factory.count:
+        if not cfg.dataset.count:
             render_job(cfg, lambda _: toy.scene(), lambda *_: views())
 
 
@@ -204,7 +206,8 @@ def test_keys_and_choices_in_the_text_exist():
             key, choice = KEY.fullmatch(span), CHOICE.fullmatch(span)
             if key and key[1].split(".")[0] in GROUPS - {"sample"}:
                 known = key[1] in KNOWN or any(k.startswith(f"{key[1]}.") for k in KNOWN)
-                wrong += [] if known or key[1] in IN_FILES | ALIASES else [f"{page.name}: {span}"]
+                known |= key[1] in IN_FILES | ALIASES | FILES
+                wrong += [] if known else [f"{page.name}: {span}"]
             elif choice and choice[1] in GROUPS and choice[2] not in choices(choice[1]):
                 wrong.append(f"{page.name}: {span}")
     assert not wrong

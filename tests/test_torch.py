@@ -36,7 +36,7 @@ WORDS = (
         "camera.kind=capture",
     ),
     *("render.samples=1", f"labels=[{','.join(LABELS)}]", "trace.levels=0", "trace.group=2"),
-    *("trace.chunk=8", "trace.k=4", "factory.seed=5", "sensor.exposure=0.5"),
+    *("trace.chunk=8", "trace.k=4", "dataset.seed=5", "sensor.exposure=0.5"),
 )
 
 
@@ -55,7 +55,7 @@ def data(scene, tmp_path_factory):
     out = tmp_path_factory.mktemp("data")
     main(
         [
-            *("render", f"scene={scene}", f"out={out}", *WORDS, "format=exr", "factory.count=3"),
+            *("render", f"scene={scene}", f"out={out}", *WORDS, "format=exr", "dataset.count=3"),
             *("quiet=true", "report=false"),
         ]
     )

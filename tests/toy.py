@@ -22,7 +22,7 @@ from gaussray.reconstruct.log import RunLog
 from gaussray.reconstruct.optimize.density import DensityOptions
 from gaussray.reconstruct.options import FitOptions
 from gaussray.reconstruct.pipeline import ReconstructOptions
-from gaussray.reconstruct.simplify.prune import NeedOptions
+from gaussray.reconstruct.simplify.prune import PruneOptions
 from gaussray.render.dataset import render_dataset
 from gaussray.render.renderer import Renderer, RenderOptions
 from gaussray.scene.bodies import bodies_at_rest
@@ -51,7 +51,7 @@ SHORT = ReconstructOptions(
     field=FieldOptions(sides=(4, 6), channels=4, width=8),
     trace=TraceOptions(levels=0, group=2, chunk=8, transmittance_min=1e-2),
     density=DensityOptions(interval=20),
-    need=NeedOptions(loss=0.0),
+    prune=PruneOptions(loss=0.0),
 )
 
 

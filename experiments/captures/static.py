@@ -24,7 +24,7 @@ from gaussray.reconstruct.optimize.density import DensityOptions
 from gaussray.reconstruct.optimize.learning_rates import OptimizerOptions
 from gaussray.reconstruct.optimize.loss import LossOptions
 from gaussray.reconstruct.options import FitOptions, ReconstructOptions
-from gaussray.reconstruct.simplify.prune import NeedOptions
+from gaussray.reconstruct.simplify.prune import PruneOptions
 from gaussray.render.renderer import Renderer, RenderOptions
 from gaussray.runtime.devices import DevicesOptions, begin as start_devices
 from gaussray.tracer.trace import TraceOptions
@@ -60,7 +60,7 @@ def base(steps: int, tiles: int, gaussians: int, degree: int) -> ReconstructOpti
             gaussians=gaussians,
         ),
         trace=TraceOptions(levels=0, transmittance_min=1e-3),
-        need=NeedOptions(loss=0.0),
+        prune=PruneOptions(loss=0.0),
     )  # fmt: skip
 
 

@@ -38,7 +38,7 @@ from gaussray.reconstruct.data.motion_mask import point_activity as activity
 from gaussray.geometry import quaternion
 from gaussray.reconstruct import ReconstructOptions
 from gaussray.render import Renderer, RenderOptions
-from gaussray.reconstruct.simplify.prune import NeedOptions
+from gaussray.reconstruct.simplify.prune import PruneOptions
 from gaussray.scene.deformation import FieldOptions
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.harmonics import constant_harmonics
@@ -169,7 +169,7 @@ def options(steps: int, case: Case) -> ReconstructOptions:
         loss=LossOptions(l1=0.8, dssim=0.2),
         density=DensityOptions(interval=max(steps // 20, 1)),
         trace=TraceOptions(levels=0, transmittance_min=1e-2),
-        need=NeedOptions(loss=0.0),
+        prune=PruneOptions(loss=0.0),
     )  # fmt: skip
 
 

@@ -19,7 +19,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from experiments.factory.kill import changed
+from experiments.datasets.kill import changed
 from experiments.faults.toy import BLOCK, INTERVAL, Forked, words_of, write_capture
 from gaussray.cli import main as command
 from gaussray.runtime.lock import LOCK_FILE as LOCK
@@ -188,7 +188,7 @@ def prepare(folder: Path) -> None:
         os.environ["XLA_FLAGS"] = f"{flags} --xla_cpu_use_fusion_emitters=false"
     # JAX is not at work in this process.
     warnings.filterwarnings("ignore", message=r"os\\.fork\\(\\) was called")
-    for name in ("reconstruct", "evaluate", "factory", "production", "dataset.scores"):
+    for name in ("reconstruct.pipeline", "evaluate.pipeline", "render.dataset", "config.samples"):
         importlib.import_module(f"gaussray.{name}")
 
 

@@ -36,7 +36,7 @@ FIT = [
     f"fit.coarse={12 * BLOCK}", f"fit.fine={36 * BLOCK}", f"fit.block={BLOCK}", "fit.tiles=4",
     "fit.points=100", "fit.start=given", "fit.surround=0", "track.poses=0", "field.sides=[4]",
     "field.channels=4", "field.width=8",
-    "need.loss=0", "need.precision=full", f"fit.checkpoint={INTERVAL}", *TRACE,
+    "prune.loss=0", "prune.precision=full", f"fit.checkpoint={INTERVAL}", *TRACE,
 ]  # fmt: skip
 
 
@@ -97,7 +97,7 @@ def words_of(work: str, capture: Path, out: Path) -> list[str]:
     """The command of a work: reconstruct, render (a film), takes (of a distribution), evaluate."""
     quiet = [f"out={out}", "progress=quiet", "report=false"]
     scene = f"scene={capture / 'run'}"
-    takes = ["factory.count=24", "format=exr", "sample.sensor.exposure.uniform=[-1,1]"]
+    takes = ["dataset.count=24", "format=exr", "sample.sensor.exposure.uniform=[-1,1]"]
     return {
         "reconstruct": ["reconstruct", f"capture.path={capture}", "resume=auto", *FIT, *quiet],
         "render": [

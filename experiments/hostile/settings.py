@@ -20,7 +20,7 @@ GROUPS = [
     "aperture",
     "sample",
     "devices",
-    "factory",
+    "dataset",
     "scene",
     "camera",
     "trajectory",

@@ -26,7 +26,7 @@ def reconstruct_options(cfg: Configuration) -> Any:
         optimizer=build_options(stage.OptimizerOptions, cfg.optimizer),
         density=build_options(stage.DensityOptions, cfg.density),
         trace=build_options(stage.TraceOptions, cfg.trace),
-        need=build_options(stage.NeedOptions, cfg.need),
+        prune=build_options(stage.PruneOptions, cfg.prune),
         kept=given_keys(),
     )
 
@@ -121,10 +121,9 @@ def _render(cfg: Configuration, devices: int | None) -> dict[str, Any]:
     from gaussray.config.jobs import render_job
     from gaussray.render.dataset import render_dataset
 
-    for key in ("dataset", "sample"):
-        if cfg[key]:
-            named = f"dataset={cfg.dataset}" if key == "dataset" else key
-            raise ValueError(f"{named} needs factory.count of at least 1, got 0.")
+    for name, value in (("dataset.layout", cfg.dataset.layout), ("sample", cfg.sample)):
+        if value:
+            raise ValueError(f"{name} needs dataset.count of at least 1, got 0.")
     job = render_job(cfg, note=say)
     out = Path(cfg.out)
     # For all of the command, as its report is written as well.

@@ -34,12 +34,12 @@ MOST_USED = {
     ),
     "reconstruct": (
         "out resume capture.frames capture.scale capture.test fit.coarse fit.fine fit.tiles "
-        "fit.refine fit.segment fit.memory fit.seed density.interval need.loss tensorboard"
+        "fit.refine fit.segment fit.memory fit.seed density.interval prune.loss tensorboard"
     ),
     "render": (
         "out cameras format labels fps camera.split camera.names camera.times lens.fov "
         "aperture.radius aperture.focus_distance shutter.readout shutter.exposure "
-        "trajectory.steps render.samples sensor.exposure factory.count dataset"
+        "trajectory.steps render.samples sensor.exposure dataset.count dataset.layout"
     ),
     "view": (
         "cameras preset out view.port view.width view.rate lens.fov aperture.radius "

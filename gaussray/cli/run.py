@@ -104,7 +104,7 @@ def _run(command: str, overrides: Sequence[str]) -> None:
     cfg = compose_config(command, overrides)
     check_style(str(cfg.get("progress", "auto")))
     limit(build_options(Limits, cfg.limits))
-    if command == "render" and cfg.factory.count:
+    if command == "render" and cfg.dataset.count:
         from gaussray.config.samples import generate_dataset
         from gaussray.dataset.takes import MANIFEST
 

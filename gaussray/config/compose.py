@@ -20,12 +20,11 @@ from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
 from gaussray.config.messages import (
-    ALIASES,
     CONFIGURATION_ERRORS,
     configuration_error,
     quotes_remedy,
 )
-from gaussray.config.schema import PATH_KEYS, conf_folder, keys
+from gaussray.config.schema import PATH_KEYS, conf_folder, keys, todays_word
 from gaussray.config.suggest import did_you_mean
 from gaussray.config.yaml_files import preset_words
 from gaussray.io.safe.aliases import check_aliases
@@ -56,7 +55,7 @@ def compose_config(command: str, overrides: Sequence[str]) -> Configuration:
     """
     cfg = resolve_config(command, compose_unresolved(command, tuple(overrides)))
     out_is_given = any(re.match(r"\+*out=", word) for word in overrides)
-    shared = cfg.devices.hosts != 1 or (command == "render" and cfg.factory.shard != "0/1")
+    shared = cfg.devices.hosts != 1 or (command == "render" and cfg.dataset.shard != "0/1")
     named_by_time = "out" in keys(command) and "${now" in keys(command)["out"].default
     if shared and named_by_time and not out_is_given:
         raise ValueError(
@@ -167,14 +166,13 @@ def as_value_error(command: str, words: Sequence[str]) -> Iterator[None]:
 
 def hydra_words(overrides: Sequence[str]) -> list[str]:
     """The words in Hydra's grammar: keys of `sample` are new to the configuration, a preset stands
-    for the keys in its file, and render.size is another name of film.size."""
+    for the keys in its file, and other names of a key become its own (`todays_word`)."""
     words: list[str] = []
     for word in overrides:
-        name, equals, value = word.partition("=")
-        word = _quoted(f"{ALIASES.get(name, name)}{equals}{value}")
+        word = _quoted(todays_word(word))
         words.append(f"++{word}" if word.startswith("sample.") else word)
         if word.startswith("preset=") and word not in ("preset=", "preset=null"):
-            words += preset_words(word.removeprefix("preset="))
+            words += map(todays_word, preset_words(word.removeprefix("preset=")))
     return words
 
 

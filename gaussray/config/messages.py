@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from hydra.errors import HydraException
 from omegaconf.errors import OmegaConfBaseException
 
-from gaussray.config.schema import RENAMED, choices, groups, keys
+from gaussray.config.schema import RENAMED, choices, groups, keys, todays_word
 from gaussray.config.suggest import did_you_mean
 
 
@@ -13,8 +13,6 @@ from gaussray.config.suggest import did_you_mean
 CONFIGURATION_ERRORS = (HydraException, OmegaConfBaseException)
 # Another key that a user may have meant by an old one.
 _SIZE_HINT = {"film.width": "; the size of the pictures is film.size=[width,height]."}
-# Keys of the command line that stand for another one.
-ALIASES = {"render.size": "film.size"}
 # The remedy for a word without "=", by its last letter.
 _WORD_HINTS = {"]": " A list has no spaces, or stands in quotes."}
 # Letters of a wrong word that a message shows.
@@ -62,8 +60,7 @@ def quotes_remedy(value: object, example: str) -> str:
 
 def _problem_of(command: str, word: str) -> str:
     """Why a command does not accept a word, with a suggestion; empty if it does."""
-    name, equals, value = word.lstrip("+~").partition("=")
-    name = ALIASES.get(name, name)
+    name, equals, value = todays_word(word.lstrip("+~")).partition("=")
     if name.startswith(("hydra", "sample.")) or word.startswith("~"):
         return ""
     candidates = [*keys(command), *groups(command)]

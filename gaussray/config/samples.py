@@ -13,7 +13,7 @@ from gaussray.capture.capture import View
 from gaussray.config.compose import Configuration, Variations, compose_config
 from gaussray.config.jobs import has_cameras, render_job
 from gaussray.config.launch import launch_jobs
-from gaussray.config.options import as_type, build_options
+from gaussray.config.options import build_options
 from gaussray.config.run_folder import begin_run_folder
 from gaussray.config.yaml_files import to_plain
 from gaussray.dataset.layouts import LAYOUT_LABELS, write_layout
@@ -28,7 +28,7 @@ from gaussray.render.randomize.generate import (
     generate_samples,
     refuse_other_samples,
 )
-from gaussray.render.randomize.options import FactoryOptions
+from gaussray.render.randomize.options import DrawOptions
 from gaussray.render.rig import rig as rigs
 from gaussray.runtime.devices import DevicesOptions, begin, together
 from gaussray.scene.formats.any_file import load
@@ -39,15 +39,15 @@ from gaussray.tracer.options import TraceOptions
 _REPORTING = ("quiet", "progress", "report")
 # Keys that say where and by whom a sample is rendered: they are no parameters of the sample.
 _NO_PARAMETERS = (
-    *("preset", "out", "devices", "limits", "sample", "factory", "dataset", "imu"),
+    *("preset", "out", "devices", "limits", "sample", "dataset", "imu"),
     *_REPORTING,
 )
 # Keys that may differ between the processes that work on one dataset.
 _PER_PROCESS = (
     "out",
     "devices",
-    "factory.shard",
-    "factory.shards",
+    "dataset.shard",
+    "dataset.shards",
     "render.memory",
     *_REPORTING,
 )
@@ -69,29 +69,29 @@ def generate_dataset(cfg: Configuration, overrides: Sequence[str]) -> str:
     Returns:
         A line about the result, for the user.
     """
-    factory, out = build_options(FactoryOptions, cfg.factory), Path(cfg.out)
-    layout, imu = as_type(str, cfg.dataset, "dataset"), build_options(ImuOptions, cfg.imu)
+    dataset, out = build_options(DrawOptions, cfg.dataset), Path(cfg.out)
+    layout, imu = dataset.layout, build_options(ImuOptions, cfg.imu)
     if layout:
         cfg, overrides = _with_labels(cfg, overrides, layout)
-    if factory.shards > 1:
+    if dataset.shards > 1:
         # All shards share one folder, also if it is named by the time.
         overrides = [*(word for word in overrides if not word.startswith("out=")), f"out={out}"]
         jobs = [
-            [f"factory.shard={i}/{factory.shards}", "factory.shards=1"]
-            for i in range(factory.shards)
+            [f"dataset.shard={i}/{dataset.shards}", "dataset.shards=1"]
+            for i in range(dataset.shards)
         ]
         launch_jobs("render", overrides, jobs, functools.partial(render_shard, overrides))
         with contextlib.suppress(OSError):
             (out / "jobs").rmdir()  # which stays empty unless a cluster has left files
-        missing = write_takes(out, factory.count)
+        missing = write_takes(out, dataset.count)
     else:
         missing = render_shard(overrides, cfg)
     if missing:
-        return f"{out}: {missing} of {factory.count} samples are left to other shards."
+        return f"{out}: {missing} of {dataset.count} samples are left to other shards."
     if layout:
         frames = write_layout(out, out / layout, layout, imu=imu)
-        return f"{out / layout}: {factory.count} samples, {frames} frames in the layout {layout}."
-    return f"{out / MANIFEST}: {factory.count} samples."
+        return f"{out / layout}: {dataset.count} samples, {frames} frames in the layout {layout}."
+    return f"{out / MANIFEST}: {dataset.count} samples."
 
 
 def _with_labels(
@@ -100,9 +100,9 @@ def _with_labels(
     """The configuration and its words with the labels that a layout needs."""
     if layout not in LAYOUT_LABELS:
         known = ", ".join(LAYOUT_LABELS)
-        raise ValueError(f"dataset must be empty or one of {known}, got {layout!r}.")
+        raise ValueError(f"dataset.layout must be empty or one of {known}, got {layout!r}.")
     if cfg.format != "png":
-        raise ValueError(f"format must be png with dataset={layout}, got {cfg.format!r}.")
+        raise ValueError(f"format must be png with dataset.layout={layout}, got {cfg.format!r}.")
     labels = list(dict.fromkeys([*to_plain(cfg.labels), *LAYOUT_LABELS[layout]]))
     overrides = [*overrides, f"labels=[{','.join(labels)}]"]
     return compose_config("render", overrides), overrides
@@ -122,8 +122,8 @@ def render_shard(overrides: Sequence[str], cfg: Configuration) -> int:
     devices = begin(build_options(DevicesOptions, cfg.devices))
     if together():
         raise ValueError(
-            "devices.hosts must be 1 with factory.count: processes share the samples by "
-            "factory.shard."
+            "devices.hosts must be 1 with dataset.count: processes share the samples by "
+            "dataset.shard."
         )
     source = sample_source(cfg, overrides)
     made = source.distributions, source.make_job, source.options
@@ -145,7 +145,7 @@ class SampleSource(NamedTuple):
 
     distributions: Distributions
     make_job: MakeJob
-    options: FactoryOptions
+    options: DrawOptions
 
 
 def sample_source(cfg: Configuration, overrides: Sequence[str]) -> SampleSource:
@@ -159,7 +159,7 @@ def sample_source(cfg: Configuration, overrides: Sequence[str]) -> SampleSource:
     """
     variations = Variations("render", overrides)
     read, cameras = functools.lru_cache(2)(load), functools.lru_cache(2)(rigs.load_views)
-    options = build_options(FactoryOptions, cfg.factory)
+    options = build_options(DrawOptions, cfg.dataset)
 
     @functools.lru_cache(2)
     def free_space(scene: str, capture: str | None, trace: TraceOptions) -> FreeSpace:
@@ -191,7 +191,7 @@ def all_distributions(
     """The distributions from which samples are drawn, by key.
 
     They are those in `sample`, one for every seed of the configuration (two samples must not have
-    the same noise), and those of the camera and the times of `factory.frames` successive frames.
+    the same noise), and those of the camera and the times of `dataset.frames` successive frames.
 
     Args:
         cfg: a configuration of `gaussray render`.
@@ -214,7 +214,7 @@ def _frame_distributions(
 ) -> dict[str, dict[str, Any]]:
     """Distributions of the camera and of the times of a sample's frames, unless these are chosen
     otherwise."""
-    count, camera = cfg.factory.frames, to_plain(cfg.camera)
+    count, camera = cfg.dataset.frames, to_plain(cfg.camera)
     keys = ("trajectory", "trajectory.kind", "camera", "camera.kind")
     moved = cfg.trajectory.kind != "keep" or camera.get("kind", "capture") != "capture"
     if not count or moved or any(key in drawn for key in keys):

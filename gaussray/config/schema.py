@@ -8,8 +8,11 @@ from typing import NamedTuple
 from omegaconf import OmegaConf
 
 
-# Keys of earlier versions and what they are called now.
+# Keys of earlier versions that now mean something else, and what they are called now.
 RENAMED = {"film.width": "film.filter_width"}
+# Keys of the command line that stand for another one, and groups of earlier versions by today's.
+_ALIASES = {"render.size": "film.size"}
+_RENAMED_GROUPS = {"need": "prune", "factory": "dataset"}
 # Keys whose values are paths.
 PATH_KEYS = (
     *("capture.path", "out", "scene", "cameras", "truth", "source", "data", "videos"),
@@ -62,6 +65,20 @@ def keys(command: str) -> dict[str, Key]:
             overridden = all_keys.get(f"{group}.{name}", key)
             all_keys[f"{group}.{name}"] = Key(overridden.default, overridden.meaning or meaning)
     return all_keys
+
+
+def todays_word(word: str) -> str:
+    """A word of the command line with the key that it stands for: `prune.loss=0` for `need.loss=0`.
+
+    Args:
+        word: `key=value` or `group=choice`, in the names of this version or of an earlier one.
+    """
+    name, equals, value = word.partition("=")
+    if name == "dataset" and value not in choices("dataset"):
+        return f"dataset.layout{equals}{value}" if equals else word
+    name = _ALIASES.get(name, name)
+    group, dot, key = name.partition(".")
+    return f"{_RENAMED_GROUPS.get(group, group)}{dot}{key}{equals}{value}"
 
 
 def _text(group: str, choice: str) -> str:

@@ -24,7 +24,7 @@ def path_of_frames(frames: Sequence[dict[str, Any]]) -> Trajectory:
     if any(block != blocks[0] for block in blocks):
         raise ValueError(
             f"{frames[0]['file_path']}: the frames of a sample must share one trajectory. Choose "
-            "one camera for each sample with camera.names, or leave factory.frames above 0."
+            "one camera for each sample with camera.names, or leave dataset.frames above 0."
         )
     if blocks[0] is None:
         poses = [(frame["time"], frame["transform_matrix"]) for frame in frames]

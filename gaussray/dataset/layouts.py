@@ -24,7 +24,7 @@ from gaussray.io.safe.openimageio import oiio
 _FASTEC_FRAMES = 34
 # TUM's levels of depth per unit; 0 is none.
 _TUM_STEPS = 5000
-# The labels that `dataset=` renders for a layout. All but tum's are needed.
+# The labels that `dataset.layout` renders for a layout. All but tum's are needed.
 LAYOUT_LABELS = {
     "fastec_rs": ("global_first", "global_middle"),
     "carla_rs": ("global_first", "global_middle"),
@@ -99,7 +99,7 @@ def write_layout(
     if not written:
         raise ValueError(
             f"{data / MANIFEST}: layout={layout} must have samples of at least two frames. Render "
-            "the dataset with factory.frames=2 or more."
+            "the dataset with dataset.frames=2 or more."
         )
     return written
 

@@ -142,7 +142,7 @@ def read_takes(data: Path | str) -> Iterator[dict[str, Any]]:
     except OSError as error:
         raise OSError(
             f"{path}: cannot be read: {error} Datasets of samples have one, from the first sample "
-            "on: `gaussray render ... sample=cameras factory.count=1000 out=DATA`."
+            "on: `gaussray render ... sample=cameras dataset.count=1000 out=DATA`."
         ) from error
     most, number = int(limits().text * 1e6), 0
     with file:

@@ -8,7 +8,7 @@ from gaussray.reconstruct.initialize.body_tracking import TrackOptions
 from gaussray.reconstruct.optimize.density import DensityOptions
 from gaussray.reconstruct.optimize.learning_rates import OptimizerOptions
 from gaussray.reconstruct.optimize.loss import LossOptions
-from gaussray.reconstruct.simplify.prune import NeedOptions
+from gaussray.reconstruct.simplify.prune import PruneOptions
 from gaussray.scene.deformation import FieldOptions
 from gaussray.tracer.trace import TraceOptions
 
@@ -179,5 +179,5 @@ class ReconstructOptions(eqx.Module):
     trace: TraceOptions = eqx.field(
         default_factory=lambda: TraceOptions(levels=0, transmittance_min=1e-3)
     )
-    need: NeedOptions = eqx.field(default_factory=NeedOptions)
+    prune: PruneOptions = eqx.field(default_factory=PruneOptions)
     kept: tuple[str, ...] = eqx.field(static=True, default=())

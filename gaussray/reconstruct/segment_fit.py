@@ -83,11 +83,11 @@ def pruned_segment(
     scene, report = pruned_scene(
         scene,
         TrainingViews(session.footage, *session.training_cameras(state)),
-        options=session.options.need,
+        options=session.options.prune,
         tracing=Tracing(session.options.trace, mesh(devices), session.key_states(state)),
         seed=session.options.fit.seed,
         unmet=unmet,
-        report=session.progress_report("need", patience=2.0),
+        report=session.progress_report("prune", patience=2.0),
     )
     if session.equalization is not None:
         scene = replace(scene, light=session.equalization.light)

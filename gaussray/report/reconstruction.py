@@ -88,7 +88,7 @@ def pruning(report: dict[str, Any]) -> Section | None:
             ("candidate", "removed", "PSNR loss (dB)"),
             [(s["step"], "yes" if s["taken"] else "no", f"{s['loss']:.4f}") for s in one["steps"]],
         ))  # fmt: skip
-    words = "A candidate is removed if the PSNR of the training rays falls by at most need.loss dB."
+    words = "A candidate is removed if the PSNR of training rays falls by at most prune.loss dB."
     return Section("Pruning", [*body, note(words)]) if body else None
 
 

@@ -50,7 +50,7 @@ class RenderedFrames(IterableDataset[Item]):
     """Frames of cameras that are drawn from distributions, rendered while they are read.
 
     The samples are those of `gaussray render` with the same words: sample 17 of this dataset is
-    sample 17 of the one that the command writes, and depends on `factory.seed` and 17 alone. Items
+    sample 17 of the one that the command writes, and depends on `dataset.seed` and 17 alone. Items
     are like those of `SavedFrames`; `light` is that of the sensor before it is encoded and clipped.
 
     Args:

@@ -25,7 +25,7 @@ from gaussray.torch.tensors import (
 
 
 class SavedFrames(Dataset[Item]):
-    """The frames of a dataset that `gaussray render factory.count=N` has written.
+    """The frames of a dataset that `gaussray render dataset.count=N` has written.
 
     An item is a dictionary of tensors: `light` [3, h, w] (linear light), `pose` [4, 4] (camera to
     world, OpenGL axes), `time` [], `pixel_times` [h, w] (the middle of every pixel's exposure),

@@ -188,7 +188,7 @@ def test_of_a_long_word_the_beginning_is_shown(fails, scene_file, word):
 
 def test_a_folder_named_by_the_time_is_not_shared_by_processes(fails, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    words = ["scene=x", "factory.count=4", "factory.shard=0/2"]
+    words = ["scene=x", "dataset.count=4", "dataset.shard=0/2"]
     assert "out must be given where several processes share it" in fails("render", *words)
     hosts = ["capture.path=x", "devices.hosts=2", "devices.process=0"]
     assert "out must be given" in fails("reconstruct", *hosts)
@@ -313,21 +313,21 @@ def test_a_scene_without_cameras(fails, tmp_path):
         ),
         ("film.size=[64]", "film.size must be [width,height] in pixels, such as [1920,1080], got"),
         (
-            "factory.count=3 aperture.radius=0.1 sample.aperture.focus_distance.choice=[0,-1]",
+            "dataset.count=3 aperture.radius=0.1 sample.aperture.focus_distance.choice=[0,-1]",
             "sample 0 is impossible: aperture.focus_distance must be above 0, got",
         ),
         (
-            "factory.count=2 sample.lens.choice=[kannala_brandt] sample.lens.k.choice=[[-9,0,0,0]]",
+            "dataset.count=2 sample.lens.choice=[kannala_brandt] sample.lens.k.choice=[[-9,0,0,0]]",
             "sample 0 is impossible: lens.",
         ),
         (
-            "factory.count=2 factory.frames=0 shutter.kind=global "
+            "dataset.count=2 dataset.frames=0 shutter.kind=global "
             "sample.shutter.exposure.uniform=[0.6,0.7]",
             "sample 0 is impossible: shutter.exposure must be at most the 0.5 from one frame",
         ),
-        ("factory.count=2 sample.fps=3", "sample.fps must be a distribution"),
-        ("factory.count=2 sample.lens.fog.uniform=[0,1]", "sample.lens.fog: lens.fog is no key"),
-        ("factory.count=2 sample.lens.choice=[mirror]", "got 'mirror'"),
+        ("dataset.count=2 sample.fps=3", "sample.fps must be a distribution"),
+        ("dataset.count=2 sample.lens.fog.uniform=[0,1]", "sample.lens.fog: lens.fog is no key"),
+        ("dataset.count=2 sample.lens.choice=[mirror]", "got 'mirror'"),
         ("fps=0", "fps"),
         ("sensor.tone=filmic format=exr", "sensor.tone must be srgb with format=exr"),
         ("sensor.bits=8", "sensor.bits needs sensor.white above 0"),

@@ -24,7 +24,7 @@ from gaussray.io.safe.limits import Limits
 from gaussray.prepare.options import FramesOptions, PosesOptions, SyncOptions
 from gaussray.reconstruct import options as stage
 from gaussray.render.randomize.distributions import draw_values, read_distributions
-from gaussray.render.randomize.options import FactoryOptions
+from gaussray.render.randomize.options import DrawOptions
 from gaussray.render.renderer import RenderOptions
 from gaussray.render.rig import rig
 from gaussray.render.rig.physical_units import PhysicalOptions
@@ -41,7 +41,7 @@ GROUPS = {
     "loss": (stage.LossOptions, "default"),
     "optimizer": (stage.OptimizerOptions, "default"),
     "density": (stage.DensityOptions, "default"),
-    "need": (stage.NeedOptions, "default"),
+    "prune": (stage.PruneOptions, "default"),
     "trace": (TraceOptions, "default"),
     "devices": (DevicesOptions, "default"),
     "render": (RenderOptions, "default"),
@@ -55,7 +55,7 @@ GROUPS = {
     "film": (rig.FilmOptions, "keep"),
     "physical": (PhysicalOptions, "none"),
     "sensor": (SensorOptions, "none"),
-    "factory": (FactoryOptions, "default"),
+    "dataset": (DrawOptions, "default"),
     "imu": (ImuOptions, "default"),
     "view": (ViewOptions, "default"),
     "limits": (Limits, "default"),
@@ -86,7 +86,7 @@ GIVEN = {
 @functools.cache
 def group_of(group, choice):
     """What one YAML file says, in the words of a command."""
-    fitted = "fit", "track", "field", "loss", "optimizer", "density", "need"
+    fitted = "fit", "track", "field", "loss", "optimizer", "density", "prune"
     command = "reconstruct" if group in fitted else "render"
     command = "prepare" if group in ("sync", "frames", "poses") else command
     command = group if group in ("evaluate", "calibrate", "view") else command
@@ -202,9 +202,9 @@ def test_an_unknown_key_fails_and_is_named(override):
         ("render", "sensor.gain=null", "sensor.gain must be a number, got None"),
         ("render", "physical.f_number=0", "physical.f_number must be above 0, got 0"),
         ("render", "physical.readout=fast", "physical.readout must be a number, got 'fast'"),
-        ("render", "factory.count=-1", "factory.count must be at least 0, got -1"),
-        ("render", "factory.shard=2/2", "factory.shard must be i/n with i from 0 to n - 1"),
-        ("render", "factory.shards=2", "factory.shards = 2 needs factory.count above 0"),
+        ("render", "dataset.count=-1", "dataset.count must be at least 0, got -1"),
+        ("render", "dataset.shard=2/2", "dataset.shard must be i/n with i from 0 to n - 1"),
+        ("render", "dataset.shards=2", "dataset.shards = 2 needs dataset.count above 0"),
         ("view", "view.port=0", "view.port must be in 1 ... 65535, got 0"),
         ("view", "view.rate=0", "view.rate must be above 0 frames a second, got 0"),
         ("view", "view.keys=4", "view.keys must be 2 or odd from 3, got 4"),

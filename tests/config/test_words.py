@@ -61,3 +61,30 @@ def test_keys_that_differ_from_a_finished_run_are_named(tmp_path):
     assert changed_keys(other, most=1) == ["capture.scale"]
     (tmp_path / "config.yaml").write_text("{")
     assert changed_keys(other) == []
+
+
+@pytest.mark.parametrize(
+    ("command", "words", "key", "value"),
+    [
+        ("reconstruct", ["capture.path=x", "need.loss=0.5"], "prune.loss", 0.5),
+        ("reconstruct", ["capture.path=x", "need=default"], "prune.loss", 0.02),
+        ("render", ["scene=x", "factory.count=3"], "dataset.count", 3),
+        ("render", ["scene=x", "dataset=euroc"], "dataset.layout", "euroc"),
+        ("render", ["scene=x", "dataset=default"], "dataset.layout", ""),
+        ("render", ["scene=x", "render.size=[4,6]"], "film.size", [4, 6]),
+    ],
+)
+def test_names_of_earlier_versions_are_understood(command, words, key, value):
+    assert OmegaConf.select(compose_config(command, words), key) == value
+
+
+def test_a_preset_may_have_names_of_earlier_versions(tmp_path):
+    preset = tmp_path / "old.yaml"
+    preset.write_text("factory: {count: 3, frames: 2}\n")
+    cfg = compose_config("render", ["scene=x", f"preset={preset}"])
+    assert (cfg.dataset.count, cfg.dataset.frames) == (3, 2)
+
+
+def test_a_mistake_in_a_name_of_an_earlier_version_is_told_in_todays():
+    with pytest.raises(ValueError, match=r"^prune\.los is no key .*prune\.loss"):
+        compose_config("reconstruct", ["capture.path=x", "need.los=0.5"])

@@ -104,12 +104,12 @@ def test_velocities_of_a_rendered_sequence_are_differences_of_its_poses(tmp_path
     walk.write_text(json.dumps({**lens, "w": 16, "h": 16, "frames": frames}))
     main(
         [
-            *("render", f"scene={scene}", f"out={out}", "factory.count=1", "factory.frames=0"),
-            "factory.clearance=0",
+            *("render", f"scene={scene}", f"out={out}", "dataset.count=1", "dataset.frames=0"),
+            "dataset.clearance=0",
             *("trajectory=path", f"trajectory.file={walk}", "trajectory.steps=4"),
             *("lens=pinhole", "shutter.readout=0.2", "render.samples=1", "trace.levels=0"),
             *("trace.group=2", "trace.chunk=8", "trace.k=4", "quiet=true", "report=false"),
-            *("camera.names=[cam_0]", "dataset=carla_rs"),
+            *("camera.names=[cam_0]", "dataset.layout=carla_rs"),
         ]
     )
     log = (out / "carla_rs/000000/gt_vel.log").read_text().splitlines()

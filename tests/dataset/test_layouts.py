@@ -38,7 +38,7 @@ def data(tmp_path_factory):
     write_manifest(scene / "cameras.json", toy.records())
     main(
         [
-            *("render", f"scene={scene}", f"out={out}", "factory.count=2", "factory.frames=3"),
+            *("render", f"scene={scene}", f"out={out}", "dataset.count=2", "dataset.frames=3"),
             *("lens=pinhole", "shutter.readout=0.4", "render.samples=1", "trace.levels=0"),
             *("labels=[flow_forward,global_first,global_middle,z,moving]", "trace.group=2"),
             *("trace.chunk=8", "trace.k=4", "quiet=true", "report=false"),
@@ -220,16 +220,16 @@ def test_one_key_renders_the_labels_of_a_layout_and_writes_it(data, tmp_path, ca
     write_manifest(scene / "cameras.json", toy.records())
     words = ["render", f"scene={scene}", f"out={tmp_path}/out", "lens=pinhole", "quiet=true"]
     words += ["report=false", "shutter.readout=0.4", "render.samples=1", "trace.levels=0"]
-    words += ["trace.group=2", "trace.chunk=8", "trace.k=4", "dataset=fastec_rs"]
+    words += ["trace.group=2", "trace.chunk=8", "trace.k=4", "dataset.layout=fastec_rs"]
     with pytest.raises(SystemExit):
         main(words)
-    assert "needs factory.count" in capsys.readouterr().err
-    main([*words, "factory.count=1", "factory.frames=2"])
+    assert "needs dataset.count" in capsys.readouterr().err
+    main([*words, "dataset.count=1", "dataset.frames=2"])
     assert "2 frames in the layout fastec_rs" in capsys.readouterr().out
     assert len(fastec_pairs(tmp_path / "out/fastec_rs")) == 1
     with pytest.raises(SystemExit):
-        main([*words[:-1], "dataset=other", "factory.count=1"])
-    assert "dataset must be empty or one of fastec_rs" in capsys.readouterr().err
+        main([*words[:-1], "dataset.layout=other", "dataset.count=1"])
+    assert "dataset.layout must be empty or one of fastec_rs" in capsys.readouterr().err
 
 
 def gray(path):

@@ -50,7 +50,7 @@ def test_frames_know_their_take_and_their_files(data):
 
 def test_a_manifest_that_cannot_be_read_says_why(data):
     with pytest.raises(
-        OSError, match="nowhere/manifest.jsonl: cannot be read.*sample=cameras factory.count"
+        OSError, match="nowhere/manifest.jsonl: cannot be read.*sample=cameras dataset.count"
     ):
         list(read_takes(data / "nowhere"))
     path = data / "manifest.jsonl"

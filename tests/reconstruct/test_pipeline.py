@@ -27,7 +27,7 @@ from gaussray.reconstruct.options import FitOptions, ReconstructOptions
 from gaussray.reconstruct.pipeline import reconstruct
 from gaussray.reconstruct.run_progress import RunProgress
 from gaussray.reconstruct.session import Session
-from gaussray.reconstruct.simplify.prune import NeedOptions
+from gaussray.reconstruct.simplify.prune import PruneOptions
 from gaussray.reconstruct.simplify.summary import clip_report
 from gaussray.reconstruct.start import initial_state
 from gaussray.reconstruct.step_loss import BlockSizes
@@ -55,7 +55,7 @@ OPTIONS = ReconstructOptions(
     field=toy.SHORT.field,
     density=toy.SHORT.density,
     trace=toy.SHORT.trace,
-    need=NeedOptions(loss=0.0),
+    prune=PruneOptions(loss=0.0),
 )
 # The same in few steps, for what does not depend on how good the scene is.
 BRIEF = dataclasses.replace(OPTIONS, fit=dataclasses.replace(OPTIONS.fit, coarse=40, fine=60))

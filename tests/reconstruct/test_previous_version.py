@@ -42,7 +42,7 @@ OPTIONS = ReconstructOptions(
     density=DensityOptions(interval=10, threshold=1e-5),
     field=toy.SHORT.field,
     trace=toy.SHORT.trace,
-    need=toy.SHORT.need,
+    prune=toy.SHORT.prune,
 )
 RUNS = {
     "single": OPTIONS,

@@ -57,7 +57,7 @@ OPTIONS = ReconstructOptions(
     track=TrackOptions(poses=8, points=4, elite=2, rounds=1, blur=(0.5,)),
     field=toy.SHORT.field,
     trace=toy.SHORT.trace,
-    need=toy.SHORT.need,
+    prune=toy.SHORT.prune,
 )
 # Blocks of steps of the first segment.
 FIRST = 6

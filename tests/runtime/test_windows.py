@@ -66,7 +66,7 @@ def test_no_module_needs_anything_of_posix(tmp_path):
 
 @pytest.mark.slow
 def test_a_dataset_is_rendered_and_packed_without_posix(tmp_path):
-    words = ["render", "scene=sample", "camera=look_at", "factory.count=1", "film.size=[32,32]"]
+    words = ["render", "scene=sample", "camera=look_at", "dataset.count=1", "film.size=[32,32]"]
     told = run_without_posix(VERB, *words, "render.samples=1", f"out={tmp_path}/data")
     assert "1 samples" in told
     pack = ["pack", f"data={tmp_path}/data", f"out={tmp_path}/tars"]

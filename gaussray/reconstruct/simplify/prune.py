@@ -37,7 +37,7 @@ from gaussray.scene.spare_rows import with_spare_rows
 from gaussray.scene.store import PRECISIONS, as_stored
 
 
-class NeedOptions(eqx.Module):
+class PruneOptions(eqx.Module):
     """How much quality pruning may cost.
 
     Args:
@@ -59,13 +59,13 @@ class NeedOptions(eqx.Module):
 
     def __check_init__(self):
         if not self.loss >= 0:
-            raise ValueError(f"need.loss must be at least 0, got {self.loss}.")
+            raise ValueError(f"prune.loss must be at least 0, got {self.loss}.")
         for name in ("tiles", "instants", "weigh"):
             if getattr(self, name) < 1:
-                raise ValueError(f"need.{name} must be at least 1, got {getattr(self, name)}.")
+                raise ValueError(f"prune.{name} must be at least 1, got {getattr(self, name)}.")
         if self.precision not in PRECISIONS:
             raise ValueError(
-                f"need.precision must be one of {', '.join(PRECISIONS)}, got {self.precision!r}."
+                f"prune.precision must be one of {', '.join(PRECISIONS)}, got {self.precision!r}."
             )
 
 
@@ -152,7 +152,7 @@ def pruned_scene(
     scene: Scene,
     views: TrainingViews,
     *,
-    options: NeedOptions,
+    options: PruneOptions,
     tracing: Tracing,
     seed: int,
     unmet: Bool[np.ndarray, " gaussians"] | None = None,

@@ -107,7 +107,7 @@ class FreeSpace:
             if not self._is_free(place, time + moment, least):
                 raise ObstructedError(
                     f"its camera at {np.round(place, 3).tolist()} stands in an object, behind one "
-                    f"or nearer than {least:.3g} scene units to one (factory.clearance = "
+                    f"or nearer than {least:.3g} scene units to one (dataset.clearance = "
                     f"{clearance:g} of {self.length:.3g}, the usual distance of what is seen)."
                 )
 

@@ -23,7 +23,7 @@ from gaussray.render.develop import without_unused_seed
 from gaussray.render.job import RenderJob
 from gaussray.render.randomize.clearance import ObstructedError
 from gaussray.render.randomize.distributions import draw_values
-from gaussray.render.randomize.options import FactoryOptions
+from gaussray.render.randomize.options import DrawOptions
 from gaussray.render.randomize.preview import PREVIEWED, write_preview
 from gaussray.render.renderer import Renderer
 from gaussray.runtime.lock import output_lock
@@ -64,7 +64,7 @@ MakeJob = Callable[[Mapping[str, Any]], tuple[dict[str, Any], RenderJob]]
 
 
 def draw_sample(
-    index: int, distributions: Distributions, make_job: MakeJob, *, options: FactoryOptions
+    index: int, distributions: Distributions, make_job: MakeJob, *, options: DrawOptions
 ) -> Sample:
     """Draw the sample of an index. It depends on the seed and the index alone.
 
@@ -84,12 +84,12 @@ def draw_sample(
         except ObstructedError as error:
             if attempt < max(options.redraws, _OBSTRUCTED_REDRAWS):
                 continue
-            remedy = "draw places that are free, or allow such cameras by factory.clearance=0."
+            remedy = "draw places that are free, or allow such cameras by dataset.clearance=0."
             raise _impossible(index, attempt, error, remedy) from error
         except ValueError as error:
             if attempt < options.redraws:
                 continue
-            remedy = "let factory.redraws draw such samples again."
+            remedy = "let dataset.redraws draw such samples again."
             raise _impossible(index, attempt, error, remedy) from error
     raise AssertionError("there is at least one attempt")
 
@@ -107,7 +107,7 @@ def generate_samples(
     distributions: Distributions,
     make_job: MakeJob,
     *,
-    options: FactoryOptions,
+    options: DrawOptions,
     devices: int | None = None,
     quiet: bool = False,
 ) -> int:
@@ -159,7 +159,7 @@ def generate_samples(
 
 
 def _frame_counts(
-    distributions: Distributions, make_job: MakeJob, options: FactoryOptions, quiet: bool
+    distributions: Distributions, make_job: MakeJob, options: DrawOptions, quiet: bool
 ) -> dict[int, int]:
     """The number of frames of every sample of this shard; a ValueError if one is impossible."""
     counts, progress = {}, Progress("check", len(options.indices), quiet=quiet, patience=1.0)
@@ -196,7 +196,7 @@ class SharedRenderers:
 
 
 def refuse_other_samples(
-    out: Path, distributions: Distributions, make_job: MakeJob, options: FactoryOptions
+    out: Path, distributions: Distributions, make_job: MakeJob, options: DrawOptions
 ) -> None:
     """Refuse a folder whose first sample of this shard was made with other values.
 

@@ -3,7 +3,7 @@
 import equinox as eqx
 
 
-class FactoryOptions(eqx.Module):
+class DrawOptions(eqx.Module):
     """Options of a randomised dataset.
 
     A sample depends on `seed` and its index alone.
@@ -21,6 +21,8 @@ class FactoryOptions(eqx.Module):
             (`clearance.FreeSpace`); places of the capture's own cameras are free. 0 allows all.
         shard: i/n: this process renders the samples i, i + n, i + 2n, ...
         shards: Number of processes that Hydra's launcher starts.
+        layout: Layout of a published dataset in which the samples are also written
+            (`dataset.layouts`); empty for none.
 
     Raises:
         ValueError: A value breaks its rule; the message names the key.
@@ -34,22 +36,23 @@ class FactoryOptions(eqx.Module):
     clearance: float = eqx.field(static=True, default=0.01)
     shard: str = eqx.field(static=True, default="0/1")
     shards: int = eqx.field(static=True, default=1)
+    layout: str = eqx.field(static=True, default="")
 
     def __check_init__(self):
         leasts = {"count": 0, "frames": 0, "redraws": 0, "clearance": 0, "shards": 1}
         for key, least in leasts.items():
             if not getattr(self, key) >= least:
                 raise ValueError(
-                    f"factory.{key} must be at least {least}, got {getattr(self, key)}."
+                    f"dataset.{key} must be at least {least}, got {getattr(self, key)}."
                 )
         number, _, of = self.shard.partition("/")
         if not (number.isdigit() and of.isdigit() and int(number) < int(of)):
             raise ValueError(
-                f"factory.shard must be i/n with i from 0 to n - 1, got {self.shard!r}."
+                f"dataset.shard must be i/n with i from 0 to n - 1, got {self.shard!r}."
             )
         if self.shards > 1 and (self.count == 0 or self.shard != "0/1"):
             raise ValueError(
-                f"factory.shards = {self.shards} needs factory.count above 0, and factory.shard "
+                f"dataset.shards = {self.shards} needs dataset.count above 0, and dataset.shard "
                 f"left at 0/1, got {self.count} and {self.shard}."
             )
 

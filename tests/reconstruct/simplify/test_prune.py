@@ -12,7 +12,7 @@ import toy
 from gaussray.capture.formats.paired import read_capture
 from gaussray.reconstruct.data.pictures import footage
 from gaussray.reconstruct.simplify.measure import Tracing, TrainingViews
-from gaussray.reconstruct.simplify.prune import NeedOptions, pruned_scene
+from gaussray.reconstruct.simplify.prune import PruneOptions, pruned_scene
 from gaussray.reconstruct.simplify.summary import scene_sizes, summary_line
 from gaussray.scene.gaussians import Gaussians, concatenate
 from gaussray.scene.scene import Scene
@@ -23,7 +23,7 @@ pytestmark = pytest.mark.usefixtures("known_sizes")
 
 TRACE = toy.SHORT.trace
 # All tiles of all pictures are looked at: what adds nothing to them is seen by none.
-OPTIONS = NeedOptions(loss=0.05, tiles=8, weigh=1000)
+OPTIONS = PruneOptions(loss=0.05, tiles=8, weigh=1000)
 HIDDEN, IDLE = 6, 4
 measured = []
 
@@ -154,7 +154,7 @@ def test_where_nothing_moves_there_is_no_field(seen):
 
 
 def test_a_loss_of_nothing_keeps_everything(seen, lavish):
-    options = NeedOptions(loss=0.0, precision="full")
+    options = PruneOptions(loss=0.0, precision="full")
     scene, report = pruned(lavish, seen, options)
     assert report["precision"] == "full" and report["psnr"] > report["one_color"]
     for a, b in zip(jax.tree.leaves(scene), jax.tree.leaves(lavish), strict=True):
@@ -178,11 +178,11 @@ def test_the_line_says_how_much_of_what_is_needed():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"loss": -0.1}, "need.loss must be at least 0, got -0.1"),
-        ({"tiles": 0}, "need.tiles must be at least 1, got 0"),
-        ({"precision": "half"}, "need.precision must be one of full, compact, got 'half'"),
+        ({"loss": -0.1}, "prune.loss must be at least 0, got -0.1"),
+        ({"tiles": 0}, "prune.tiles must be at least 1, got 0"),
+        ({"precision": "half"}, "prune.precision must be one of full, compact, got 'half'"),
     ],
 )
 def test_options_that_mean_nothing_are_refused(changes, message):
     with pytest.raises(ValueError, match=message):
-        NeedOptions(**changes)
+        PruneOptions(**changes)

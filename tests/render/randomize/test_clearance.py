@@ -17,7 +17,7 @@ from gaussray.render.picture import render_rays
 from gaussray.render.randomize.clearance import FreeSpace, ObstructedError
 from gaussray.render.randomize.distributions import read_distributions
 from gaussray.render.randomize.generate import draw_sample
-from gaussray.render.randomize.options import FactoryOptions
+from gaussray.render.randomize.options import DrawOptions
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.scene import Scene, at
 from gaussray.tracer.line import light_between
@@ -182,17 +182,17 @@ def test_cameras_in_objects_are_drawn_again_also_without_redraws():
             raise ObstructedError("its camera stands in an object.")
         return {}, None
 
-    drawn = [draw_sample(i, radius, make, options=FactoryOptions()) for i in range(8)]
+    drawn = [draw_sample(i, radius, make, options=DrawOptions()) for i in range(8)]
     assert all(sample.values["aperture.radius"] <= 0.1 for sample in drawn)
     assert max(sample.attempt for sample in drawn) > 0
-    with pytest.raises(ValueError, match=r"in 101 attempts: .*factory\.clearance=0\."):
-        draw_sample(0, radius, make_none, options=FactoryOptions())
+    with pytest.raises(ValueError, match=r"in 101 attempts: .*dataset\.clearance=0\."):
+        draw_sample(0, radius, make_none, options=DrawOptions())
 
 
 @pytest.mark.ci
 def test_samples_of_the_command_keep_their_distance():
     def source(clearance):
-        words = ["scene=sample", "sample=cameras", f"factory.clearance={clearance}"]
+        words = ["scene=sample", "sample=cameras", f"dataset.clearance={clearance}"]
         return sample_source(compose_config("render", words), words)
 
     any_place, free = source(0), source(0.1)

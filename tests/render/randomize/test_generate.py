@@ -29,7 +29,7 @@ from gaussray.render.randomize.generate import (
     generate_samples,
     refuse_other_samples,
 )
-from gaussray.render.randomize.options import FactoryOptions
+from gaussray.render.randomize.options import DrawOptions
 from gaussray.report import write_page
 from gaussray.report.dataset import SHOWN
 from gaussray.scene.store import save_scene
@@ -62,7 +62,7 @@ def possible(values):
 
 def drawn_at(index, **options):
     """The take that an index has become, without a job."""
-    told = FactoryOptions(**{"redraws": 50, **options})
+    told = DrawOptions(**{"redraws": 50, **options})
     return draw_sample(index, RADIUS, lambda values: (possible(values), None), options=told)
 
 
@@ -89,7 +89,7 @@ def filmed(monkeypatch):
 
 
 def made(out, of=RADIUS, make=make_job, **options):
-    told = FactoryOptions(**{"redraws": 50, **options})
+    told = DrawOptions(**{"redraws": 50, **options})
     return generate_samples(out, of, make, options=told, quiet=True)
 
 
@@ -145,7 +145,7 @@ def test_a_contact_sheet_shows_the_first_ten_takes_before_the_others(tmp_path, f
 
 
 def test_progress_counts_frames_from_the_beginning(tmp_path, filmed, capsys):
-    generate_samples(tmp_path, RADIUS, make_job, options=FactoryOptions(count=3, redraws=50))
+    generate_samples(tmp_path, RADIUS, make_job, options=DrawOptions(count=3, redraws=50))
     lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("render")]
     assert lines[0].startswith("render 0/3") and lines[-1].startswith("render 3/3")
 
@@ -205,11 +205,11 @@ def test_a_smaller_number_leaves_the_samples_of_a_larger_one_listed(tmp_path, fi
 
 
 def test_samples_of_other_values_are_refused_before_anything_is_written(tmp_path, filmed):
-    told = FactoryOptions(redraws=50, count=2)
+    told = DrawOptions(redraws=50, count=2)
     refuse_other_samples(tmp_path, RADIUS, make_job, told)
     made(tmp_path, count=2)
     refuse_other_samples(tmp_path, RADIUS, make_job, told)
-    other = FactoryOptions(redraws=50, count=2, seed=1)
+    other = DrawOptions(redraws=50, count=2, seed=1)
     with pytest.raises(ValueError, match="other values of seed, .*drawn.aperture.radius, "):
         refuse_other_samples(tmp_path, RADIUS, make_job, other)
 
@@ -251,7 +251,7 @@ def test_a_take_that_is_drawn_anew_says_how_often_and_leaves_the_others():
         assert (first_drawn(one.index) == one.values) == (one.attempt == 0)
     with pytest.raises(ValueError, match="sample 0 is impossible in 3 attempts: aperture.radius"):
         never = read_distributions({"aperture": {"radius": {"uniform": [0.9, 1.0]}}})
-        draw_sample(0, never, make_job, options=FactoryOptions(redraws=2))
+        draw_sample(0, never, make_job, options=DrawOptions(redraws=2))
 
 
 def test_times_of_rows_are_those_of_the_shutter(tmp_path, filmed):

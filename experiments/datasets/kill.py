@@ -1,6 +1,6 @@
 """Films a data set in one go, and again with two kills on the way; both must be the same bytes.
 
-`python -m experiments.factory.kill --out DIR [--takes 500]`: two frames of 24 x 24 pixels a take.
+`python -m experiments.datasets.kill --out DIR [--takes 500]`: two frames of 24 x 24 pixels a take.
 """
 
 import argparse
@@ -30,7 +30,7 @@ from gaussray.scene.store import save_scene
 
 SIDE, GAUSSIANS, TIMES = 24, 60, (0.0, 0.5)
 WORDS = [
-    "factory.frames=0",
+    "dataset.frames=0",
     "format=exr",
     "lens.fov=90",
     "sample.camera.names.choice=[[left],[middle],[right]]",
@@ -74,7 +74,7 @@ def _single(x) -> jnp.ndarray:
 
 def film(scene: Path, out: Path, takes: int, stop: int | None = None) -> float:
     """Run the command, to its end or until `stop` pictures are there; seconds."""
-    words = ["render", f"scene={scene}", f"out={out}", f"factory.count={takes}", *WORDS]
+    words = ["render", f"scene={scene}", f"out={out}", f"dataset.count={takes}", *WORDS]
     # What one run has compiled the next ones load.
     cache = {"JAX_COMPILATION_CACHE_DIR": str(scene / "compiled")}
     began = time.monotonic()
