@@ -9,24 +9,35 @@ from gaussray.capture.errors import CaptureWarning
 
 
 MASK_FOLDER = "masks"
+# Suffixes of masks beside .png and that of the picture.
+_SUFFIXES = (".PNG", ".jpg", ".JPG", ".jpeg")
 
 
 def with_mask_folder(capture: Capture) -> Capture:
     """The capture with the masks that lie in `masks/` beside the folder of its pictures.
 
-    The mask of `images/a/b.jpg` is `masks/a/b.jpg.png` (COLMAP) or `masks/a/b.png` (nerfstudio).
-    White pixels count. A warning tells how many pictures have one. Pictures to which the files
-    give a mask keep it.
+    The mask of `images/a/b.jpg` is `masks/a/b.jpg.png` (COLMAP), `masks/a/b.png` (nerfstudio) or a
+    picture of this name with another suffix. White pixels count. A warning tells how many pictures
+    have one, or that none of the files is one. Pictures to which the files give a mask keep it.
 
     Args:
         capture: The capture, of a format whose files name no masks.
     """
     masks = [_mask(capture.folder, view) for view in capture.views]
     found = sum(mask is not None for mask in masks)
+    home = capture.folder / MASK_FOLDER
     if not found:
+        there = sorted(path.name for path in home.glob("*.*")) if home.is_dir() else []
+        if there:
+            warnings.warn(
+                f"{home}: its {len(there)} files, such as {there[0]}, are not used: a mask has the "
+                "name of its picture, so that of images/a.jpg is masks/a.png or masks/a.jpg.png.",
+                CaptureWarning,
+                stacklevel=4,
+            )
         return capture
     warnings.warn(
-        f"{capture.folder / MASK_FOLDER}: {found} of {len(masks)} pictures have a mask there; its "
+        f"{home}: {found} of {len(masks)} pictures have a mask there; its "
         "white pixels count. Rename the folder to use all pixels.",
         CaptureWarning,
         stacklevel=4,
@@ -45,6 +56,7 @@ def _mask(folder: Path, view: View) -> Path | None:
     inner = view.image.relative_to(folder)
     if len(inner.parts) > 1 and inner.parts[0].startswith("images"):  # LLFF: images_2, images_4 ...
         inner = inner.relative_to(inner.parts[0])
-    named = inner.with_name(inner.name + ".png"), inner.with_suffix(".png")
+    suffixes = inner.suffix, ".png", *_SUFFIXES
+    named = inner.with_name(inner.name + ".png"), *(inner.with_suffix(one) for one in suffixes)
     paths = (folder / MASK_FOLDER / name for name in named)
     return next((path for path in paths if path.is_file()), None)

@@ -22,7 +22,7 @@ from gaussray.capture.formats.llff import llff_pictures, read_llff
 from gaussray.capture.formats.metashape import metashape_file, read_metashape
 from gaussray.capture.formats.nerfies import DATASET_FILE, is_nerfies, read_nerfies
 from gaussray.capture.formats.neural3d import read_neural3d, videos_of
-from gaussray.capture.formats.no_capture import remedy_for
+from gaussray.capture.formats.no_capture import media_folder, remedy_for
 from gaussray.capture.formats.paired import effect_files, read_capture
 from gaussray.capture.formats.pinf import INFO_FILE, is_pinf, read_pinf
 from gaussray.capture.formats.poses_bounds import POSES_FILE, read_poses_bounds
@@ -33,6 +33,7 @@ from gaussray.capture.picture_file import BACKGROUNDS, picture_exists
 from gaussray.capture.selection import Selection, selected
 from gaussray.capture.stored_sizes import at_stored_sizes
 from gaussray.capture.time_origin import with_times_from_first
+from gaussray.capture.trained_tests import warn_of_trained_tests
 
 
 FORMATS: dict[str, Callable[[Path | str, DTypeLike], Capture]] = {
@@ -121,7 +122,7 @@ def open_capture(
     selection = selection or Selection()
     capture = selected(at_stored_sizes(capture), selection)
     capture = with_clip_starts(capture, selection.clip_start)
-    _warn_of_trained_tests(capture)
+    warn_of_trained_tests(capture)
     return capture
 
 
@@ -143,22 +144,6 @@ def _is_of_others(capture: Capture) -> bool:
         stacklevel=3,
     )
     return True
-
-
-def _warn_of_trained_tests(capture: Capture) -> None:
-    """Warn of pictures to score that are training pictures, too: their scores tell nothing."""
-    trained = {view.image for view in capture.views if view.split == "train"}
-    held = [view for view in capture.views if view.split == "test"]
-    scored = [view for views in (held, *capture.effects.values()) for view in views]
-    both = [view for view in scored if view.image in trained]
-    if both:
-        warnings.warn(
-            f"{capture.folder}: {len(both)} pictures to score, first {both[0].image.name}, are "
-            "training pictures, too, so that their scores tell nothing. Hold others out: "
-            "capture.test, or the key split of frames.",
-            CaptureWarning,
-            stacklevel=3,
-        )
 
 
 def format_of(folder: Path | str) -> str:
@@ -193,8 +178,9 @@ def format_of(folder: Path | str) -> str:
     needs = "; ".join(f"{name} needs {what}" for name, what in FORMAT_FILES.items())
     raise CaptureError(
         f"{folder}: a capture must hold the files of one format, got none of them: {needs}. "
-        "Name the folder that has them; `gaussray prepare` makes a capture of videos or "
-        "photographs, with calibrations of other tools (poses.calibration), too."
+        f"Name the folder that has them; `gaussray prepare videos={media_folder(folder) or 'DIR'} "
+        "out=OUT` makes a capture of videos or photographs, with calibrations of other tools "
+        "(poses.calibration), too."
     )
 
 

@@ -1,6 +1,7 @@
 """Access to pycolmap, an optional dependency."""
 
 import contextlib
+import signal
 from collections.abc import Iterator
 from typing import Any
 
@@ -13,6 +14,7 @@ def pycolmap() -> Any:
     Raises:
         PrepareError: It is not installed.
     """
+    before = signal.getsignal(signal.SIGTERM)
     try:
         import pycolmap as module
     except ImportError:
@@ -20,6 +22,9 @@ def pycolmap() -> Any:
             "gaussray prepare needs pycolmap, which is not installed: pip install -e '.[prepare]' "
             "in the folder of gaussray."
         ) from None
+    # SIGTERM would print a stack trace of C++ since. Only the main thread may change that.
+    with contextlib.suppress(ValueError):
+        signal.signal(signal.SIGTERM, before)
     return module
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gaussray.capture.errors import CaptureWarning
+from gaussray.capture.side_folders import holds_other_maps
 from gaussray.capture.videos import VIDEO_SUFFIXES, open_video, upright, video_stream
 from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.photographs import PHOTOGRAPH_SUFFIXES, photograph_size
@@ -20,6 +21,7 @@ _SUFFIXES = (*VIDEO_SUFFIXES, *PHOTOGRAPH_SUFFIXES)
 # Videos and photographs that are not read: raw formats, those of 360-degree cameras, animations.
 _UNREAD = (
     *(".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".gif", ".avif", ".jp2"),
+    *(".pgm", ".ppm", ".pnm"),
     *(".insv", ".insp", ".360", ".wmv", ".flv", ".ts", ".vob"),
 )
 # Cameras that a message names.
@@ -108,6 +110,7 @@ def find_sources(folder: Path | str) -> list[Source]:
         raise FileNotFoundError(f"videos={folder}: the folder does not exist.")
     sources = [_video(path.stem, path) for path in _files(folder, VIDEO_SUFFIXES)]
     inside = sorted((p for p in folder.iterdir() if p.is_dir()), key=_natural)
+    inside = _without_other_maps(inside, alone=not sources)
     # Photographs in one folder alone are of a single camera.
     alone = not sources and sum(bool(_files(p, _SUFFIXES)) for p in inside) == 1
     for inner in inside:
@@ -158,6 +161,23 @@ def find_sources(folder: Path | str) -> list[Source]:
             "one of the files."
         )
     return sorted(sources, key=lambda source: _natural(Path(source.name)))
+
+
+def _without_other_maps(folders: list[Path], *, alone: bool) -> list[Path]:
+    """The folders without those of depth maps and masks, with a warning; all of them, where there
+    is nothing else that could be a camera (`alone`: beside them is none)."""
+    other = [path for path in folders if holds_other_maps(path) and _files(path, _SUFFIXES)]
+    cameras = [path for path in folders if path not in other and _files(path, _SUFFIXES)]
+    if not other or (alone and not cameras):
+        return folders
+    names = ", ".join(path.name for path in other[:_NAMED])
+    warnings.warn(
+        f"videos={other[0].parent}: {names}: by the name no pictures of a camera, so left out. "
+        "Rename what is a camera.",
+        CaptureWarning,
+        stacklevel=3,
+    )
+    return [path for path in folders if path not in other]
 
 
 def _files(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:

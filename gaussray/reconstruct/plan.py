@@ -65,7 +65,7 @@ def fit_plan(
         quiet: whether nothing is told.
     """
     say = partial(tell, quiet=quiet)
-    recorded = without_covered_cameras(capture)
+    recorded = without_covered_cameras(capture, quiet=quiet)
     capture = with_common_times(recorded)
     machine = this_machine(devices)
     chosen = effort(capture, options, machine)

@@ -401,6 +401,15 @@ def test_masks_in_a_folder_beside_the_pictures_count(tmp_path):
     told = [str(one.message) for one in warned]
     assert any("masks: 2 of 3 pictures have a mask there" in text for text in told)
     assert [int(visible_pixels(view).sum()) for view in views] == [5 * H, W * H, 5 * H]
+    for path in (tmp_path / "masks").iterdir():
+        path.unlink()
+    Image.fromarray(white).save(tmp_path / "masks/IMG_1.jpg")
+    with pytest.warns(CaptureWarning, match="masks: 1 of 3 pictures have a mask there"):
+        views = open_capture(tmp_path).views
+    assert [view.mask is not None for view in views] == [False, True, False]
+    (tmp_path / "masks/IMG_1.jpg").rename(tmp_path / "masks/mask_1.jpg")
+    with pytest.warns(CaptureWarning, match=r"its 1 files, such as mask_1\.jpg, are not used"):
+        open_capture(tmp_path)
 
 
 def dome(folder):
@@ -494,6 +503,23 @@ def test_a_copy_of_the_file_is_no_effect(static):
     (static / "transforms_old.json").write_text(json.dumps({**document, "effect": "blur"}))
     with pytest.warns(CaptureWarning, match="pictures to score, .*, are training pictures, too"):
         assert list(open_capture(static).effects) == ["blur"]
+
+
+@pytest.mark.filterwarnings("ignore:.*is taken as static")
+def test_a_copy_of_a_training_picture_is_no_picture_to_score(static):
+    document = json.loads((static / "transforms.json").read_text())
+    first = document["frames"][0] | {"split": "train"}
+    copy = first | {"file_path": "copy.png", "split": "test"}
+    image = static / first["file_path"]
+    (static / "copy.png").write_bytes(image.read_bytes())
+    (static / "transforms.json").write_text(json.dumps({**document, "frames": [first, copy]}))
+    with pytest.warns(CaptureWarning, match="1 pictures to score, first copy.png, .* or copies"):
+        open_capture(static)
+    picture(static / "copy.png", 77)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", ".*is taken as static")
+        open_capture(static)
 
 
 @pytest.mark.filterwarnings("ignore:.*is taken as static")

@@ -58,6 +58,23 @@ def test_photographs_of_several_sizes_may_be_in_the_only_folder(tmp_path):
     assert source.sizes == ((48, 32), (48, 16))
 
 
+@pytest.mark.parametrize("name", ["depths", "Masks", "depth_maps", "seg"])
+def test_depth_maps_and_masks_are_no_cameras(tmp_path, name):
+    for folder in ("rgb", name):
+        write_image(tmp_path / folder / "0.png", BLACK)
+    with pytest.warns(CaptureWarning, match=f"{name}: by the name no pictures of a camera"):
+        (source,) = find_sources(tmp_path)
+    assert source.name == "rgb"
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("names", [("masks",), ("front", "segment_a")])
+def test_a_folder_that_is_alone_or_only_begins_like_one_of_masks_is_a_camera(tmp_path, names):
+    for folder in names:
+        write_image(tmp_path / folder / "0.png", BLACK)
+    assert [source.name for source in find_sources(tmp_path)] == list(names)
+
+
 def test_pictures_beside_cameras_are_told_to_be_unused(tmp_path):
     write_image(tmp_path / "a" / "0.png", BLACK)
     write_image(tmp_path / "1.png", BLACK)

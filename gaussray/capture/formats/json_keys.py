@@ -204,9 +204,9 @@ class Keys:
             raise self.error(key, f"{rule} without scale", remedy)
         if np.linalg.det(linear) < 0:
             remedy = (
-                "Its determinant is -1, so it mirrors: one axis points the wrong way. Negate the "
-                "column of that axis of the camera (x right, y up, z backwards), or the row of "
-                "that axis of the world."
+                "Its determinant is -1, so it mirrors: one axis, or all three, points the wrong "
+                "way. Negate the column of that axis of the camera (x right, y up, z backwards), "
+                "all three columns, or the row of that axis of the world."
             )
             raise self.error(key, f"{rule} without reflection", remedy)
         u, _, vt = np.linalg.svd(linear)

@@ -7,6 +7,7 @@ from typing import Any
 from gaussray.capture.formats.colmap_files import PLACES
 from gaussray.capture.formats.picture_places import KNOWN_SUFFIXES
 from gaussray.capture.formats.transforms import json_if_readable
+from gaussray.capture.side_folders import holds_other_maps
 from gaussray.capture.videos import VIDEO_SUFFIXES
 
 
@@ -50,7 +51,7 @@ def remedy_for(folder: Path, is_capture: Callable[[Path], bool]) -> str:
                     f"{folder / place} holds cameras{suffix} of COLMAP's model without "
                     f"images{suffix}, which has the poses. Copy it there."
                 )
-    media = _media_folder(folder)
+    media = media_folder(folder)
     prepare = f"`gaussray prepare videos={media or 'PICTURES'} out=OUT` finds poses anew"
     tool = _tool_of(folder)
     if tool:
@@ -87,12 +88,17 @@ def _has(content: Any, key: str) -> bool:
     return isinstance(content, dict) and key in content
 
 
-def _media_folder(folder: Path) -> Path | None:
+def media_folder(folder: Path) -> Path | None:
     """The folder of a camera's pictures or of videos; that of these folders if there are several.
-    None if there is none."""
+    None if there is none.
+
+    Args:
+        folder: where to look, also in its folders and in theirs.
+    """
     if _holds_media(folder):
         return folder
     holding = [path for path in folders_in(folder) if _holds_media(path)]
+    holding = [path for path in holding if not holds_other_maps(path)] or holding
     if not holding:
         return None
     parents = {path.parent for path in holding}

@@ -81,7 +81,19 @@ def with_found_pictures(frames: list[Keys]) -> list[Keys]:
                 if isinstance(named[0].values.get(key), list)
             }
             return [_with_paths(frame, before, found[0], lists) for frame in frames]
-    return frames
+    # Both moved and converted to another kind of picture.
+    bare = [_without_suffix(frame) for frame in frames]
+    moved = with_found_pictures(bare) if bare != frames else bare
+    return frames if moved is bare else moved
+
+
+def _without_suffix(frame: Keys) -> Keys:
+    """The frame without the suffix of its picture: one of PICTURE_SUFFIXES is found then."""
+    name = frame.values.get("file_path")
+    if not isinstance(name, str) or Path(name).suffix.lower() not in KNOWN_SUFFIXES:
+        return frame
+    short = name[: -len(Path(name).suffix)]
+    return dataclasses.replace(frame, values={**frame.values, "file_path": short})
 
 
 def other_spellings(folder: Path, names: Sequence[str]) -> dict[str, str]:

@@ -12,6 +12,7 @@ from gaussray.capture.capture import Capture, View
 from gaussray.capture.errors import CaptureWarning
 from gaussray.capture.frames import is_masked, read_encoded, visible_pixels
 from gaussray.reconstruct.data.backdrop import BackdropColor, surrounds
+from gaussray.runtime.progress import Progress
 
 
 # A picture shows one colour if no more than this share of its pixels differs from the median colour
@@ -23,11 +24,13 @@ _LOOKED_AT = 5
 # Pixels of a picture that are compared, about, at most.
 _PIXELS = 250_000
 _THREADS = 4
+# Seconds after which progress is shown.
+_PATIENCE = 2.0
 # Names of cameras that a warning lists, at most.
 _NAMED = 4
 
 
-def without_covered_cameras(capture: Capture) -> Capture:
+def without_covered_cameras(capture: Capture, *, quiet: bool = True) -> Capture:
     """The capture without the training pictures of cameras that show a single colour, with a
     warning that names them.
 
@@ -36,14 +39,19 @@ def without_covered_cameras(capture: Capture) -> Capture:
 
     Args:
         capture: the capture.
+        quiet: whether no progress is shown. Large photographs take seconds to decode.
     """
     cameras: dict[str, list[View]] = {}
     for view in capture.views:
         if view.split == "train":
             cameras.setdefault(view.camera_name, []).append(view)
     with ThreadPoolExecutor(_THREADS) as pool:
-        found = dict(zip(cameras, pool.map(_plain_color, cameras.values()), strict=True))
-    plain = {name: color for name, color in found.items() if color is not None}
+        progress = Progress("pictures", len(cameras), quiet=quiet, patience=_PATIENCE)
+        plain: dict[str, BackdropColor] = {}
+        found = zip(cameras, pool.map(_plain_color, cameras.values()), strict=True)
+        for done, (name, color) in enumerate(found, 1):
+            plain |= {} if color is None else {name: color}
+            progress.report(done)
     if not plain or len(plain) == len(cameras):
         return capture
     border = np.concatenate([_border(cameras[name][0]) for name in cameras if name not in plain])

@@ -124,6 +124,14 @@ def test_pictures_of_another_letter_case_or_suffix_are_found(tmp_path, listed, s
     assert [view.image for view in capture.views] == [tmp_path / stored.format(n) for n in names]
 
 
+def test_pictures_that_were_moved_and_converted_are_found(tmp_path):
+    listed = ["/home/x/images/a.jpeg", "/home/x/images/b.jpeg"]
+    folder = folder_of(tmp_path, listed, ["images/a.png", "images/b.png"])
+    with pytest.warns(CaptureWarning, match="2 of 2 are found if its beginning home/x/ is left"):
+        capture = open_capture(folder)
+    assert [view.image for view in capture.views] == [tmp_path / f"images/{n}.png" for n in "ab"]
+
+
 def test_of_two_pictures_that_are_spelt_alike_none_is_taken(tmp_path):
     stored = ["a.PNG", "a.jpg"]
     with pytest.raises(FileNotFoundError, match="A.tif.: neither it nor another"):
