@@ -15,7 +15,7 @@ _Facts = tuple[float, ...]
 
 def warn_of_trained_tests(capture: Capture) -> None:
     """Warn of pictures to score that are training pictures, or copies of their files with the same
-    time and place.
+    time and pose.
 
     Args:
         capture: the capture as selected.
@@ -38,9 +38,9 @@ def warn_of_trained_tests(capture: Capture) -> None:
 
 
 def _facts(view: View) -> _Facts:
-    """Time and place of a view."""
-    place = np.asarray(view.camera.trajectory.translation)[0]
-    return view.time, *place.tolist()
+    """Time and pose of a view."""
+    path = view.camera.trajectory
+    return view.time, *np.asarray(path.translation)[0].tolist(), *np.asarray(path.quat)[0].tolist()
 
 
 def _is_copy(image: Path, others: list[Path]) -> bool:

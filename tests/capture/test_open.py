@@ -142,8 +142,8 @@ def test_splits_are_read_before_the_file_of_all_frames(folder):
 @pytest.mark.filterwarnings("ignore:.*is taken as static", "ignore:.*each 8th of 2 is held out")
 def test_poses_of_all_pictures_are_read_before_a_model_of_pictures_that_were_renamed(folder):
     (folder / "images").mkdir()
-    for name in ("1.png", "2.png"):
-        write_image(folder / "images" / name, np.full((12, 16, 3), 128, np.uint8))
+    for shade, name in enumerate(("1.png", "2.png")):
+        write_image(folder / "images" / name, np.full((12, 16, 3), shade, np.uint8))
     (folder / "cameras.txt").write_text("1 PINHOLE 16 12 20 20 8 6\n")
     registered = (
         f"{k + 1} 1 0 0 0 {k} 0 0 1 {name}\n\n" for k, name in enumerate(("0.png", "2.png"))

@@ -386,6 +386,7 @@ def test_a_capture_of_llff_is_pictures_with_every_eighth_held_out(tmp_path):
         open_capture(tmp_path)
 
 
+@pytest.mark.filterwarnings("ignore:.*each 8th of 3 is held out")
 def test_masks_in_a_folder_beside_the_pictures_count(tmp_path):
     """As COLMAP (`IMG_0.png.png`) and nerfstudio (`IMG_2.png`) name them."""
     rows = [[0, 1, 0, i, H, -1, 0, 0, 0, W, 0, 0, 1, 0, 20.0, 1.0, 9.0] for i in range(3)]

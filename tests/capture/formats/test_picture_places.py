@@ -22,9 +22,9 @@ def folder_of(tmp_path, listed, stored):
     frames = [{"file_path": name, "camera": f"c{k}", **given} for k, name in enumerate(listed)]
     intrinsics = {"fl_x": 20.0, "fl_y": 20.0, "cx": 8.0, "cy": 6.0}
     (tmp_path / "transforms.json").write_text(json.dumps({**intrinsics, "frames": frames}))
-    for name in stored:
+    for k, name in enumerate(stored):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        Image.fromarray(np.zeros((12, 16, 3), np.uint8)).save(tmp_path / name)
+        Image.fromarray(np.full((12, 16, 3), 10 * k, np.uint8)).save(tmp_path / name)
     return tmp_path
 
 

@@ -219,7 +219,7 @@ def actorshq(tmp_path):
     (tmp_path / "calibration.csv").write_text("\n".join([HEAD, *map(actor, names), ""]))
     for name in names[:2]:
         for i in (15, 16):
-            shade(tmp_path / "rgbs" / name / f"{name}_rgb{i:06d}.png", i)
+            shade(tmp_path / "rgbs" / name / f"{name}_rgb{i:06d}.png", i + int(name[-1]))
             shade(tmp_path / "masks" / name / f"{name}_mask{i:06d}.png", i)
     return tmp_path
 
