@@ -22,6 +22,7 @@ from gaussray.capture.formats.llff import llff_pictures, read_llff
 from gaussray.capture.formats.metashape import metashape_file, read_metashape
 from gaussray.capture.formats.nerfies import DATASET_FILE, is_nerfies, read_nerfies
 from gaussray.capture.formats.neural3d import read_neural3d, videos_of
+from gaussray.capture.formats.neus import CAMERA_FILES, neus_file, read_neus
 from gaussray.capture.formats.no_capture import media_folder, remedy_for
 from gaussray.capture.formats.paired import effect_files, read_capture
 from gaussray.capture.formats.pinf import INFO_FILE, is_pinf, read_pinf
@@ -49,6 +50,7 @@ FORMATS: dict[str, Callable[[Path | str, DTypeLike], Capture]] = {
     "actorshq": read_actorshq,
     "colmap": read_colmap,
     "metashape": read_metashape,
+    "neus": read_neus,
 }
 # The files of each format, for the message about a folder of none.
 FORMAT_FILES = {
@@ -64,6 +66,7 @@ FORMAT_FILES = {
     "actorshq": f"{CALIBRATION_FILE} and pictures in rgbs/",
     "colmap": f"cameras and images (.bin or .txt) in one of {', '.join(PLACES)}",
     "metashape": "an XML file of Metashape's Export Cameras, and pictures in images/ or beside it",
+    "neus": f"{' or '.join(CAMERA_FILES)} and pictures in image/",
 }
 
 # Formats whose files name no masks: these lie in a folder of their own.
@@ -151,7 +154,8 @@ def format_of(folder: Path | str) -> str:
 
     JSON files come first (a model of COLMAP beside them is what they were made from; those of
     splits before one of all frames, with a warning), then poses_bounds.npy with videos, then
-    COLMAP, then poses_bounds.npy with pictures, then the XML file of Metashape.
+    COLMAP, then poses_bounds.npy with pictures, then the XML file of Metashape, then projections of
+    IDR and NeuS.
 
     Raises:
         CaptureError: the folder holds files of no format.
@@ -209,4 +213,6 @@ def _format(folder: Path) -> str | None:
         return "llff" if not videos_of(folder) and llff_pictures(folder) else "neural3d"
     if model is not None:
         return "colmap"
-    return None if metashape_file(folder) is None else "metashape"
+    if metashape_file(folder) is not None:
+        return "metashape"
+    return None if neus_file(folder) is None else "neus"

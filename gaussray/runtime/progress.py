@@ -88,13 +88,18 @@ def plain_warnings() -> Iterator[None]:
     """Within the block, a warning is one line on stderr: its text, without file and source line.
 
     Of warnings that differ in numbers, names in quotes and paths alone, the first one is shown at
-    once, and how many there were when the block ends.
+    once, and how many others there were when the block ends. The same text again, of a capture
+    that is opened once more, is not shown.
     """
     counts: dict[str, int] = {}
     first: dict[str, str] = {}
+    told: set[str] = set()
 
     def show(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
         text = " ".join(str(message).split())
+        if text in told:
+            return
+        told.add(text)
         kind = f"{category.__name__} {_VARIABLE.sub('*', text)}"
         counts[kind] = counts.get(kind, 0) + 1
         if counts[kind] == 1:

@@ -151,7 +151,8 @@ def test_warnings_of_one_kind_are_a_line_and_a_count_without_their_source(capsys
         warnings.simplefilter("always")
         for i in range(3):
             warnings.warn(f"images/{i}.png: {i + 1} pixels\nare black", UserWarning, stacklevel=1)
-        warnings.warn("another text", UserWarning, stacklevel=1)
+        for _ in range(2):
+            warnings.warn("another text", UserWarning, stacklevel=1)
     assert capsys.readouterr().err.splitlines() == [
         "gaussray: warning: images/0.png: 1 pixels are black",
         "gaussray: warning: another text",
