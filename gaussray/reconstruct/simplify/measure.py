@@ -68,6 +68,11 @@ class TileView(NamedTuple):
     gain: Float[Array, "rays 3 ..."]
     mean: Float[Array, "rays 3"]
 
+    def unmasked(self) -> "TileView":
+        """The same tiles, of which every pixel with a ray counts."""
+        rays = jnp.any(self.rays.direction != 0, axis=-1)
+        return self._replace(weight=rays.astype(self.weight.dtype))
+
 
 class ChosenTiles(NamedTuple):
     """Tiles to measure PSNR on, tiles to measure contributions on, and whether the latter are all
@@ -200,6 +205,8 @@ class CandidateMeter:
         self.views, self.tracing = views, tracing
         self.capacity: Capacity | None = None
         self.weight = 3 * float(np.sum([np.sum(view.weight) for view in views]))
+        # Whether masks hide any pixels of the tiles.
+        self.masked = any(np.any(view.unmasked().weight != view.weight) for view in views)
 
     def psnr(self, candidate: Candidate, *, least: float = -math.inf) -> float:
         """PSNR of sRGB-encoded colours, in dB, on the meter's tiles.

@@ -71,6 +71,8 @@ class PruneOptions(eqx.Module):
 
 # Measurements that bisection takes to come within a hundredth.
 BISECTIONS = 8
+# Share of its weight that is in pixels that count, below which masks hide a Gaussian.
+_HIDDEN = 0.1
 
 
 class _Removals:
@@ -86,7 +88,8 @@ class _Removals:
         report: ProgressReport,
     ):
         self.candidate, self.meter, self.bound, self.sizes = candidate, meter, bound, sizes
-        self._report, self._plan, self._measured = report, _measurements(candidate.scene), 0
+        self._report, self._measured = report, 0
+        self._plan = _measurements(candidate.scene, masked=meter.masked)
         self.begin("nothing")
         self.psnr = self._cost(candidate, "what does nothing")
         self.steps: list[dict[str, Any]] = []
@@ -137,14 +140,15 @@ class _Removals:
             self.candidate, self.psnr, self.sizes = candidate, psnr, after
 
 
-def _measurements(scene: Scene) -> dict[str, int]:
+def _measurements(scene: Scene, *, masked: bool) -> dict[str, int]:
     """The largest number of measurements in each part of pruning."""
     degree = {
         name: int(np.sqrt(getattr(scene, name).harmonics.shape[1])) - 1
         for name in ("static", "moving")
     }
     sizes = scene_sizes(scene)
-    plan = {"nothing": 1, "prune": BISECTIONS, "shading": 1, "rest": BISECTIONS}
+    plan = {"nothing": 1, "hidden": BISECTIONS * masked, "prune": BISECTIONS}
+    plan |= {"shading": 1, "rest": BISECTIONS}
     return plan | {"reduce": sizes["heads"] + 2 * sizes["scales"]} | degree | {"rounding": 1}
 
 
@@ -161,10 +165,10 @@ def pruned_scene(
     """The scene without what its training pictures do not need.
 
     Parts are removed in this order, each if that costs at most `options.loss` dB on the same rays:
-    the Gaussians that add least to the pictures, shadows that pass over what stands still, the
-    motion of the Gaussians that change least (`begin_candidate`), the heads of the deformation
-    network, the scales of its planes or their change in time, harmonics of the higher degrees, and
-    the bits that a compact file does not keep.
+    the Gaussians that masks hide almost wholly, those that add least to the pictures, shadows that
+    pass over what stands still, the motion of the Gaussians that change least (`begin_candidate`),
+    the heads of the deformation network, the scales of its planes or their change in time,
+    harmonics of the higher degrees, and the bits that a compact file does not keep.
 
     Args:
         scene: what a fit ended with.
@@ -203,8 +207,11 @@ def pruned_scene(
     removals = _Removals(candidate, sizes, meter, options.loss, report)
     scores = {"psnr": removals.psnr, "one_color": one_color}
     before = sizes | {"psnr": round(removals.psnr, 4)}
+    removals.begin("hidden")
+    weight = meter.weights(candidate, chosen.weighed)
+    _remove_hidden(removals, chosen, weight, unmet)
     removals.begin("prune")
-    _remove_faint(removals, chosen, unmet)
+    _remove_faint(removals, chosen, weight, unmet)
     removals.begin("shading")
     if scene.shading is not None:
         removals.remove("shadows that pass", without_shading(removals.candidate))
@@ -228,13 +235,40 @@ def pruned_scene(
     return scene, steps | scores | {"precision": precision}
 
 
+def _remove_hidden(
+    removals: _Removals,
+    tiles: ChosenTiles,
+    weight: Float[np.ndarray, " gaussians"],
+    unmet: Bool[np.ndarray, " gaussians"] | None,
+) -> None:
+    """Remove the Gaussians that masks hide almost wholly, those first of which least is seen: the
+    pictures do not tell what they look like, but other cameras would see them."""
+    if not removals.meter.masked:
+        return
+    candidate = removals.candidate
+    whole = removals.meter.weights(candidate, [view.unmasked() for view in tiles.weighed])
+    seen = weight / np.maximum(whole, np.finfo(np.float32).tiny)
+    hidden = np.asarray(candidate.kept) & (whole > 0) & (seen < _HIDDEN)
+    hidden &= True if unmet is None else ~unmet
+    order = np.flatnonzero(hidden)
+    order = order[np.argsort(seen[order], kind="stable")]
+
+    def without(count: int) -> Candidate:
+        kept = _changed(candidate.kept, order[:count], False)
+        return eqx.tree_at(lambda d: d.kept, candidate, kept)
+
+    removals.remove_most("Gaussians that masks hide", len(order), without)
+
+
 def _remove_faint(
-    removals: _Removals, tiles: ChosenTiles, unmet: Bool[np.ndarray, " gaussians"] | None
+    removals: _Removals,
+    tiles: ChosenTiles,
+    weight: Float[np.ndarray, " gaussians"],
+    unmet: Bool[np.ndarray, " gaussians"] | None,
 ) -> None:
     """Remove the Gaussians that add least to the pictures, of those that were looked at: unless all
     tiles were, one that adds nothing may be in another."""
     candidate = removals.candidate
-    weight = removals.meter.weights(candidate, tiles.weighed)
     order = np.argsort(weight, kind="stable")
     order = order[np.asarray(candidate.kept)[order]]
     order = order if unmet is None else order[~unmet[order]]

@@ -100,6 +100,18 @@ def test_what_no_ray_has_met_stays_where_the_capture_has_it(seen, lavish):
     assert (np.asarray(scene.static.mean)[:, 2] > 30).sum() == HIDDEN
 
 
+def test_what_masks_hide_almost_wholly_goes(seen, told):
+    """Of four tiles of each picture one counts: what only the others show goes before anything."""
+    mask = np.zeros((*seen.pixel.shape[:2], seen.side**2 // 8), np.uint8)
+    mask[:, 0] = 255
+    scene, report = pruned(toy.scene(), dataclasses.replace(seen, mask=mask))
+    first = report["steps"][1]
+    assert first["step"] == "Gaussians that masks hide" and first["loss"] <= OPTIONS.loss
+    before, after = first["gaussians"]
+    assert scene.static.count + scene.moving.count <= after < before
+    assert all(step["step"] != first["step"] for step in told[1]["steps"])
+
+
 @pytest.mark.ci
 def test_what_was_not_looked_at_stays(seen, lavish):
     few = dataclasses.replace(OPTIONS, weigh=1, tiles=1, instants=1)
