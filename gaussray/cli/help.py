@@ -2,8 +2,9 @@
 
 import re
 import textwrap
+from collections.abc import Sequence
 
-from gaussray.config.schema import Key, choices, conf_folder, groups, keys
+from gaussray.config.schema import Key, choice_keys, choices, conf_folder, groups, keys
 
 
 COMMANDS = {
@@ -33,8 +34,8 @@ MOST_USED = {
         "poses.calibration poses.model poses.intrinsics poses.fov poses.rig"
     ),
     "reconstruct": (
-        "out resume capture.frames capture.scale capture.test fit.coarse fit.fine fit.tiles "
-        "fit.refine fit.segment fit.memory fit.seed density.interval prune.loss tensorboard"
+        "out resume capture.frames capture.scale capture.test fit.minutes fit.motion fit.start "
+        "fit.refine fit.segment fit.memory fit.seed prune.loss tensorboard"
     ),
     "render": (
         "out cameras format labels fps camera.split camera.names camera.times lens.fov "
@@ -52,6 +53,8 @@ MOST_USED = {
     "pack": "layout frames_per_tar imu.rate imu.gravity",
 }
 _ALL_COMMANDS = ("devices.count", "progress", "report")
+# Commands that work on one device.
+_ONE_DEVICE = ("prepare", "calibrate", "import", "export", "pack")
 _WIDTH = 100
 _NOW = re.compile(r"\$\{now:[^}]*\}")
 
@@ -86,7 +89,8 @@ def short_help(command: str) -> str:
         lines += [line for name in mandatory for line in _key_lines(name, by_name[name])]
     lines += ["", f"{'most used keys':<28}(default)"]
     for name in (*MOST_USED.get(command, "").split(), *_ALL_COMMANDS):
-        if name in by_name and name not in mandatory:
+        unused = name == "devices.count" and command in _ONE_DEVICE
+        if name in by_name and name not in mandatory and not unused:
             lines += _key_lines(name, by_name[name])
     several = [group for group in groups(command) if len(choices(group)) > 1]
     if several:
@@ -116,18 +120,23 @@ def _group_lines(command: str, group: str) -> list[str]:
     return textwrap.wrap(text, _WIDTH, initial_indent=f"  {group:<12}", subsequent_indent=" " * 14)
 
 
-def full_help(command: str) -> str:
-    """The groups and keys of a command, with defaults and comments, as the YAML files have them."""
-    folder = conf_folder()
+def full_help(command: str, words: Sequence[str] = ()) -> str:
+    """The groups and keys of a command, with defaults and meanings, as the YAML files have them.
+
+    Args:
+        command: a subcommand of `gaussray`.
+        words: words of its command line; of groups that they choose (`lens=opencv`), the keys are
+            those of that choice.
+    """
     lines = [f"gaussray {command}: {COMMANDS[command]}", ""]
-    top_level = (folder / f"{command}.yaml").read_text()
+    top_level = (conf_folder() / f"{command}.yaml").read_text()
     for line in top_level.split("_self_", 1)[1].splitlines():
         lines += [f"  {line}"] if line.strip() else []
+    chosen = dict(word.split("=", 1) for word in words if "=" in word)
     for group, default in groups(command).items():
-        lines += ["", f"{group}={default}   (choices: {', '.join(choices(group))})"]
-        for line in (folder / group / f"{default}.yaml").read_text().splitlines():
-            if line.startswith(" "):
-                lines.append(f"    {line}")
-            elif line and not line.startswith("#"):
-                lines.append(f"  {group}.{line}")
+        choice = chosen.get(group, default)
+        choice = choice if choice in choices(group) else default
+        lines += ["", f"{group}={choice}   (choices: {', '.join(choices(group))})"]
+        for name, key in choice_keys(group, choice).items():
+            lines += _key_lines(f"{group}.{name}", key)
     return "\n".join(lines)

@@ -72,7 +72,7 @@ def _help(words: Sequence[str]) -> str | None:
     if words[0] in ("--version", "version"):
         return f"gaussray {version('gaussray')}"
     if words[0] in COMMANDS and "--help=all" in words:
-        return full_help(words[0])
+        return full_help(words[0], words[1:])
     if words[0] in COMMANDS and ("-h" in words or "--help" in words):
         return short_help(words[0])
     return None

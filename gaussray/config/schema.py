@@ -50,21 +50,36 @@ def choices(group: str) -> list[str]:
 
 @functools.cache
 def keys(command: str) -> dict[str, Key]:
-    """All keys of a command. A key without a comment in the default choice of its group gets the
-    comment of another choice."""
+    """All keys of a command, those of its groups as the default choices have them."""
     top_level = (conf_folder() / f"{command}.yaml").read_text().split("_self_", 1)[1]
     all_keys = _keys_of(top_level)
     for group, default_choice in groups(command).items():
-        files = {name: _keys_of(_text(group, name)) for name in choices(group)}
-        for name, key in files[default_choice].items():
-            meanings = [
-                key.meaning,
-                *(other[name].meaning for other in files.values() if name in other),
-            ]
-            meaning = next(filter(None, meanings), "")
+        for name, key in choice_keys(group, default_choice).items():
             overridden = all_keys.get(f"{group}.{name}", key)
-            all_keys[f"{group}.{name}"] = Key(overridden.default, overridden.meaning or meaning)
+            all_keys[f"{group}.{name}"] = Key(overridden.default, overridden.meaning or key.meaning)
     return all_keys
+
+
+@functools.cache
+def choice_keys(group: str, choice: str) -> dict[str, Key]:
+    """The keys of a choice of a group by their short names: those of the choices that it begins
+    with (`defaults`), and its own. A key without a comment has that of another choice.
+
+    Args:
+        group: a group of conf/.
+        choice: one of its `choices`.
+    """
+    found: dict[str, Key] = {}
+    for base in OmegaConf.load(conf_folder() / group / f"{choice}.yaml").get("defaults", ()):  # type: ignore[call-arg]
+        if base != "_self_":
+            found |= choice_keys(group, base)
+    for name, key in _keys_of(_text(group, choice)).items():
+        others = (_keys_of(_text(group, other)) for other in choices(group))
+        meanings = (other[name].meaning for other in others if name in other)
+        known = found[name].meaning if name in found else ""
+        meaning = key.meaning or known or next(filter(None, meanings), "")
+        found[name] = Key(key.default, meaning)
+    return found
 
 
 def todays_word(word: str) -> str:

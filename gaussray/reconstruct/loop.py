@@ -63,6 +63,7 @@ def run_stage(
     begun = _sizes_key(session, stage, state)
     for done, batches in loader.blocks(stage, int(state.step), plan, fit.block):
         if sizes is None:
+            bar.report(done, "loads or compiles its programs")
             sizes = _known_sizes(session, stage, state, progress)
             sizes = sizes or first_sizes(session, state, batches)
         # Steps that leave the state anywhere else would compile twice.

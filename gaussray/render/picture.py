@@ -73,7 +73,7 @@ def render(
     It leaves out what a change of the order itself adds: where the centres of two overlapping
     Gaussians change places along a ray, colour jumps by about alpha_1 alpha_2 (c_1 - c_2) times
     the transmittance in front, and a finite difference of the whole picture counts these jumps.
-    In a scene of many large opaque Gaussians that may be a third of the derivative by the focal
+    In a scene of many large opaque Gaussians that may be half of the derivative by the focal
     length; where surfaces are thin it is little. With the order held fixed, finite differences
     agree to rounding (`tests/render/test_picture.py`).
 

@@ -18,7 +18,7 @@ from gaussray.capture.selection import Selection
 from gaussray.cli.help import COMMANDS
 from gaussray.config.compose import Variations, compose_config
 from gaussray.config.options import build_options
-from gaussray.config.schema import conf_folder
+from gaussray.config.schema import choice_keys, conf_folder
 from gaussray.evaluate.pipeline import EvaluateOptions
 from gaussray.io.safe.limits import Limits
 from gaussray.prepare.options import FramesOptions, PosesOptions, SyncOptions
@@ -141,13 +141,13 @@ def test_presets_of_the_trace_are_those_that_were_measured():
 
 
 @pytest.mark.parametrize(("group", "choice"), CHOICES)
-def test_every_choice_names_every_key_and_builds_options_without_leaves(group, choice):
+def test_every_choice_has_every_key_with_a_meaning_and_builds_options_without_leaves(group, choice):
     built = leaf(group, choice)
     assert not jax.tree.leaves(built)
     assert hash(built) == hash(leaf(group, choice))
-    listed = (conf_folder() / group / f"{choice}.yaml").read_text().splitlines()
-    keys = {line.split(":")[0] for line in listed if line[:1].isalpha()}
-    assert keys == set(GROUPS[group][0].__dataclass_fields__)
+    fields = set(GROUPS[group][0].__dataclass_fields__)
+    assert set(group_of(group, choice)) == fields == set(choice_keys(group, choice))
+    assert all(key.meaning for key in choice_keys(group, choice).values())
 
 
 @pytest.mark.parametrize("command", COMMANDS)

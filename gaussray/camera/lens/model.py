@@ -180,6 +180,7 @@ def coefficients_of(options: LensOptions, *counts: int) -> Float[np.ndarray, " c
     if len(options.k) not in counts:
         rule = " or ".join(str(count) for count in counts)
         raise ValueError(
-            f"lens.k must hold {rule} coefficients for {options.model}, got {len(options.k)}."
+            f"lens.k must hold {rule} coefficients for {options.model}, got {len(options.k)}. "
+            "docs/lenses.md has their order and units."
         )
     return np.array(options.k, np.float32)
