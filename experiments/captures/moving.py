@@ -54,7 +54,7 @@ VARIANTS: dict[str, Variant] = {
         fit__coarse=600,
         fit__fine=16000,
         fit__tiles=512,
-        fit__opacity=0.6,
+        fit__initial_opacity=0.6,
         density__interval=100,
         density__growth=8.0,
     ),

@@ -51,7 +51,8 @@ def base(steps: int, tiles: int, gaussians: int, degree: int) -> ReconstructOpti
     return ReconstructOptions(
         fit=FitOptions(
             auto=False, coarse=1, fine=steps - 1, tiles=tiles, tile_side=32, degree=degree,
-            rise=max(steps // 7, 1), opacity=0.5, spread=0.6, points=gaussians // 4, surround=0.15,
+            degree_interval=max(steps // 7, 1), initial_opacity=0.5, initial_scale=0.6,
+            points=gaussians // 4, surround=0.15,
         ),
         loss=LossOptions(l1=0.8, dssim=0.2),
         optimizer=OptimizerOptions(),
@@ -93,8 +94,8 @@ VARIANTS: dict[str, Variant] = {
     "few": lambda o: replaced(o, fit__points=o.density.gaussians // 8),
     "often": lambda o: replaced(o, density__interval=50),
     "full": lambda o: replaced(o, fit__points=o.density.gaussians),
-    "opaque": lambda o: replaced(o, fit__opacity=0.9),
-    "faint": lambda o: replaced(o, fit__opacity=0.1),
+    "opaque": lambda o: replaced(o, fit__initial_opacity=0.9),
+    "faint": lambda o: replaced(o, fit__initial_opacity=0.1),
     "published": lambda o: replaced(
         o, optimizer__mean=0.1, optimizer__quat=1e-3, optimizer__scale=5e-3,
         optimizer__color=2.5e-3, optimizer__harmonics=1.25e-4, optimizer__decay=0.1,
@@ -108,7 +109,7 @@ VARIANTS: dict[str, Variant] = {
     "cheap": lambda o: replaced(o, density__opacity_cost=0.002, density__scale_cost=0.002),
     "fine": lambda o: replaced(o, fit__footprint=0.1),
     "rough": lambda o: replaced(o, trace__transmittance_min=1e-2),
-    "error": lambda o: replaced(o, fit__error=0.5),
+    "error": lambda o: replaced(o, fit__error_share=0.5),
     "harmonics": lambda o: replaced(o, optimizer__harmonics=2e-3),
 }  # fmt: skip
 

@@ -21,11 +21,10 @@ NEAR = 0.2
 
 
 class Told(NamedTuple):
-    """Seconds spent and, as it is said, left; and how much is done of how much."""
+    """Seconds spent and, as it is said, left; and of how many units."""
 
     spent: float
     left: float | None
-    done: int
     total: int
 
 
@@ -47,7 +46,7 @@ def works(events: Iterable[dict[str, Any]]) -> Iterator[tuple[str, list[Told]]]:
     for event in events:
         if event["event"] != "progress":
             continue
-        told.append(Told(event["spent"], event["left"], event["done"], event["total"]))
+        told.append(Told(event["spent"], event["left"], event["total"]))
         if event["done"] >= event["total"]:
             yield event["work"], told
             told = []

@@ -24,7 +24,7 @@ class CalibrateOptions(eqx.Module):
         coarsest: Blocks along the smaller side of the picture at the first, coarsest level. Each
             following level doubles them, up to single pixels.
         steps: The largest number of Levenberg-Marquardt steps per level.
-        bend: Residuals above this many standard deviations count linearly (Huber loss).
+        huber_threshold: Residuals above this many standard deviations count linearly (Huber loss).
 
     Raises:
         ValueError: If an option is out of range. The message names its key.
@@ -39,7 +39,7 @@ class CalibrateOptions(eqx.Module):
     samples: int = eqx.field(static=True, default=0)
     coarsest: int = eqx.field(static=True, default=16)
     steps: int = eqx.field(static=True, default=20)
-    bend: float = eqx.field(static=True, default=1.345)
+    huber_threshold: float = eqx.field(static=True, default=1.345)
 
     def __check_init__(self):
         unknown = [kind for kind in self.parameters if kind not in KINDS]
@@ -60,5 +60,7 @@ class CalibrateOptions(eqx.Module):
                 raise ValueError(
                     f"calibrate.{name} must be at least {least}, got {getattr(self, name)}."
                 )
-        if not self.bend > 0:
-            raise ValueError(f"calibrate.bend must be above 0, got {self.bend}.")
+        if not self.huber_threshold > 0:
+            raise ValueError(
+                f"calibrate.huber_threshold must be above 0, got {self.huber_threshold}."
+            )

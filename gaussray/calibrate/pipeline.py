@@ -79,7 +79,9 @@ def calibrate(
         read_observation(scene, view, lens, cameras.index(view.camera_name)) for view in views
     ]
     samples = options.samples or max(rays_per_pixel(one.camera) for one in observations)
-    residuals = ResidualEvaluator(samples=samples, trace=trace or TraceOptions(), bend=options.bend)
+    residuals = ResidualEvaluator(
+        samples=samples, trace=trace or TraceOptions(), bend=options.huber_threshold
+    )
     solver = CameraSolver(
         observations, parameters, unit_camera_set(observations[0].camera), residuals
     )

@@ -53,13 +53,12 @@ class Sums(NamedTuple):
 
 
 class Solution(NamedTuple):
-    """Values of all unknowns, the sums before and after, the standard deviation of residuals, and
-    (block side, steps, deviation) of every level."""
+    """Values of all unknowns, the sums before and after, and (block side, steps, deviation) of
+    every level."""
 
     value: Float[np.ndarray, " unknowns"]
     before: Sums
     after: Sums
-    deviation: float
     levels: list[tuple[int, int, float]]
 
 
@@ -187,7 +186,7 @@ class CameraSolver:
             )
             history.append((factor, count, deviation))
         before = self.sums(np.zeros(self.count), level, deviation)
-        return Solution(value, before, self.sums(value, level, deviation), deviation, history)
+        return Solution(value, before, self.sums(value, level, deviation), history)
 
     @property
     def bend(self) -> float:

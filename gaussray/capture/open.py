@@ -165,7 +165,9 @@ def format_of(folder: Path | str) -> str:
     if folder.is_file():
         raise NotADirectoryError(f"{folder}: a capture must be a folder, got a file.")
     if not folder.is_dir():
-        raise FileNotFoundError(f"{folder}: the capture folder does not exist.")
+        raise FileNotFoundError(
+            f"{folder}: no such folder. Name a capture's folder (capture.path, truth or cameras)."
+        )
     found = _format(folder)
     if found == "splits" and (folder / PINHOLE_FILE).is_file():
         warnings.warn(

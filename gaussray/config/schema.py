@@ -11,7 +11,23 @@ from omegaconf import OmegaConf
 # Keys of earlier versions that now mean something else, and what they are called now.
 RENAMED = {"film.width": "film.filter_width"}
 # Keys of the command line that stand for another one, and groups of earlier versions by today's.
-_ALIASES = {"render.size": "film.size"}
+_ALIASES = {
+    "render.size": "film.size",
+    "fit.rise": "fit.degree_interval",
+    "fit.error": "fit.error_share",
+    "fit.balance": "fit.moving_share",
+    "fit.moving": "fit.moving_threshold",
+    "fit.spread": "fit.initial_scale",
+    "fit.opacity": "fit.initial_opacity",
+    "loss.nothing": "loss.backdrop_opacity",
+    "loss.space": "loss.plane_variation",
+    "loss.time": "loss.time_smoothness",
+    "loss.one": "loss.time_planes_from_one",
+    "optimizer.motion": "optimizer.mean_head",
+    "need.weigh": "prune.contribution_tiles",
+    "prune.weigh": "prune.contribution_tiles",
+    "calibrate.bend": "calibrate.huber_threshold",
+}
 _RENAMED_GROUPS = {"need": "prune", "factory": "dataset"}
 # Keys whose values are paths.
 PATH_KEYS = (

@@ -1,7 +1,6 @@
 """The cameras of an input folder: a video or a folder of pictures each."""
 
 import dataclasses
-import re
 import warnings
 from pathlib import Path
 
@@ -11,6 +10,7 @@ from jaxtyping import Float
 from gaussray.capture.errors import CaptureWarning
 from gaussray.capture.side_folders import holds_other_maps
 from gaussray.capture.videos import VIDEO_SUFFIXES, open_video, upright, video_stream
+from gaussray.io.natural_order import natural_order
 from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.photographs import PHOTOGRAPH_SUFFIXES, photograph_size
 
@@ -109,7 +109,7 @@ def find_sources(folder: Path | str) -> list[Source]:
     if not folder.is_dir():
         raise FileNotFoundError(f"videos={folder}: the folder does not exist.")
     sources = [_video(path.stem, path) for path in _files(folder, VIDEO_SUFFIXES)]
-    inside = sorted((p for p in folder.iterdir() if p.is_dir()), key=_natural)
+    inside = sorted((p for p in folder.iterdir() if p.is_dir()), key=natural_order)
     inside = _without_other_maps(inside, alone=not sources)
     # Photographs in one folder alone are of a single camera.
     alone = not sources and sum(bool(_files(p, _SUFFIXES)) for p in inside) == 1
@@ -160,7 +160,7 @@ def find_sources(folder: Path | str) -> list[Source]:
             f"videos={folder}: each camera must have a name of its own, got {twice} twice. Rename "
             "one of the files."
         )
-    return sorted(sources, key=lambda source: _natural(Path(source.name)))
+    return sorted(sources, key=lambda source: natural_order(Path(source.name)))
 
 
 def _without_other_maps(folders: list[Path], *, alone: bool) -> list[Path]:
@@ -182,19 +182,14 @@ def _without_other_maps(folders: list[Path], *, alone: bool) -> list[Path]:
 
 def _files(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:
     hidden = (path for path in folder.iterdir() if not path.name.startswith("."))
-    return sorted((p for p in hidden if p.suffix.lower() in suffixes and p.is_file()), key=_natural)
+    found = (path for path in hidden if path.suffix.lower() in suffixes and path.is_file())
+    return sorted(found, key=natural_order)
 
 
 def _unread(folder: Path) -> list[Path]:
     """Files of other formats, but those of pictures that are read as well (raw beside JPEG)."""
     read = {path.stem for path in _files(folder, _SUFFIXES)}
     return [path for path in _files(folder, _UNREAD) if path.stem not in read]
-
-
-def _natural(path: Path) -> list[tuple[int, str]]:
-    """Sorts cam2 before cam10."""
-    parts = re.split(r"(\d+)", path.name.lower())
-    return [(int(part), "") if k % 2 else (-1, part) for k, part in enumerate(parts)]
 
 
 def _video(name: str, path: Path) -> Source:

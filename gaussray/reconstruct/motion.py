@@ -173,8 +173,8 @@ def _with_followers(
         found.position[chosen],
         found.light[chosen],
         degree=fit.degree,
-        opacity=fit.opacity,
-        spread=fit.spread,
+        opacity=fit.initial_opacity,
+        spread=fit.initial_scale,
     )
     rows = len(chosen) * (2 if density.relocates else 1)
     step = 8 * session.mesh.size
@@ -267,7 +267,7 @@ def _tracked(session: Session, moving: Gaussians, progress: RunProgress) -> Bodi
         return _tracked_bodies(session, moving, progress.bodies)
     options = session.options
     return session.shared.once(
-        ("bodies", options.track, options.fit.moving, *session.points_key),
+        ("bodies", options.track, options.fit.moving_threshold, *session.points_key),
         lambda: _tracked_bodies(session, _initial_surface(session), progress.bodies),
     )
 

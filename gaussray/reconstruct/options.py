@@ -44,14 +44,16 @@ class FitOptions(eqx.Module):
         block: steps between two visits of the host, which runs density control and writes files.
         validate: share of the tiles that is held out with `minutes`; the fit ends soon after these
             no longer improve.
-        balance: share of the tiles that are drawn in proportion to their moving pixels (of those
-            that are not drawn by error).
-        error: share of the tiles that are drawn in proportion to their last errors.
-        moving: a Gaussian may move if its pixels change for more than this share of the time.
+        moving_share: share of the tiles that are drawn in proportion to their moving pixels (of
+            those that are not drawn by error).
+        error_share: share of the tiles that are drawn in proportion to their last errors.
+        moving_threshold: a Gaussian may move if its pixels change for more than this share of the
+            time.
         degree: degree of the spherical harmonics, 0 to 3 (3DGS: 3).
-        rise: harmonics of degree n learn from step n x `rise` on (3DGS: 1000). 0: from the start.
-        opacity: opacity of the first Gaussians (3DGS: 0.1).
-        spread: scale of the first Gaussians, in distances between points (3DGS: 1).
+        degree_interval: harmonics of degree n learn from step n x this on (3DGS: 1000); 0: from the
+            start.
+        initial_opacity: opacity of the first Gaussians (3DGS: 0.1).
+        initial_scale: scale of the first Gaussians, in distances between points (3DGS: 1).
         start: which points the first Gaussians stand on, one of STARTS.
         motion: what shows what moves, one of MOTIONS.
         instants: transient Gaussians start at this many times at most, evenly spread.
@@ -92,13 +94,13 @@ class FitOptions(eqx.Module):
     tile_side: int = eqx.field(static=True, default=8)
     block: int = eqx.field(static=True, default=25)
     validate: float = eqx.field(static=True, default=0.0)
-    balance: float = eqx.field(static=True, default=0.5)
-    error: float = eqx.field(static=True, default=0.0)
-    moving: float = eqx.field(static=True, default=0.6)
+    moving_share: float = eqx.field(static=True, default=0.5)
+    error_share: float = eqx.field(static=True, default=0.0)
+    moving_threshold: float = eqx.field(static=True, default=0.6)
     degree: int = eqx.field(static=True, default=0)
-    rise: int = eqx.field(static=True, default=0)
-    opacity: float = eqx.field(static=True, default=0.9)
-    spread: float = eqx.field(static=True, default=0.6)
+    degree_interval: int = eqx.field(static=True, default=0)
+    initial_opacity: float = eqx.field(static=True, default=0.9)
+    initial_scale: float = eqx.field(static=True, default=0.6)
     start: str = eqx.field(static=True, default="auto")
     motion: str = eqx.field(static=True, default="auto")
     instants: int = eqx.field(static=True, default=30)
@@ -122,12 +124,27 @@ class FitOptions(eqx.Module):
             if getattr(self, name) < 1:
                 raise ValueError(f"fit.{name} must be at least 1, got {getattr(self, name)}.")
         for name in (
-            *("minutes", "fine", "samples", "checkpoint", "spread", "seed", "rise"),
+            *(
+                "minutes",
+                "fine",
+                "samples",
+                "checkpoint",
+                "initial_scale",
+                "seed",
+                "degree_interval",
+            ),
             *("surround", "footprint", "outliers", "memory"),
         ):
             if getattr(self, name) < 0:
                 raise ValueError(f"fit.{name} must be at least 0, got {getattr(self, name)}.")
-        for name in ("validate", "balance", "error", "moving", "opacity", "window"):
+        for name in (
+            "validate",
+            "moving_share",
+            "error_share",
+            "moving_threshold",
+            "initial_opacity",
+            "window",
+        ):
             if not 0 <= getattr(self, name) <= 1:
                 raise ValueError(f"fit.{name} must be in [0, 1], got {getattr(self, name)}.")
         if len(set(self.refine)) < len(self.refine) or not set(self.refine) <= set(REFINABLE):

@@ -63,7 +63,7 @@ class RunProgress(eqx.Module):
         planned: the course of a stage that takes a given time; None until its pace is known.
         bodies: the rigid bodies of the segment before; None in the first segment.
         sizes: what the last block of steps was compiled for; None before the first block.
-        tile_errors: the errors that the sampler has seen; None if fit.error is 0.
+        tile_errors: the errors that the sampler has seen; None if fit.error_share is 0.
         moved: the moving pixels of every frame and tile, where cameras move; None where the
             temporal medians of cameras that stand still tell them.
         free_space: where no static Gaussian stays; None: they may stand anywhere.

@@ -149,7 +149,7 @@ def _found(session: Session, state: State) -> str:
 
 
 def _doubtful(session: Session) -> str:
-    """Which training pictures the fit did not come near, where errors are kept (fit.error)."""
+    """Training pictures that the fit did not come near, where errors are kept (fit.error_share)."""
     errors = session.loader.errors
     if errors is None:
         return ""

@@ -53,7 +53,7 @@ def initial_state(session: Session, progress: RunProgress) -> tuple[State, RunPr
         chosen = thinned(len(position), count=max(room, 1), seed=fit.seed)
         position, color, moves = position[chosen], color[chosen], moves[chosen]
     gaussians = on_points(
-        position, color, degree=fit.degree, opacity=fit.opacity, spread=fit.spread
+        position, color, degree=fit.degree, opacity=fit.initial_opacity, spread=fit.initial_scale
     )
     initial = _counts(moves) if on_surfaces else (0, 0)
     count = round(fit.surround * len(position)) if on_surfaces else 0
@@ -119,7 +119,7 @@ def may_move(
     deforms = session.options.fit.deforms and not session.still_first
     if len(session.times) == 1 or not (deforms or (told and not session.later)):
         return np.zeros(len(position), bool)
-    changing = point_activity(session.footage, position) > session.options.fit.moving
+    changing = point_activity(session.footage, position) > session.options.fit.moving_threshold
     moves = np.array(agreed(changing))
     if not told:
         moves[:] = True

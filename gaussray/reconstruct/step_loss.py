@@ -67,11 +67,6 @@ class StepOptions(eqx.Module):
     still: bool = eqx.field(static=True, default=False)
     at_rest: bool = eqx.field(static=True, default=False)
 
-    def weights(self) -> dict[str, float]:
-        """The weight of every term of the loss, by the term's name."""
-        names = ("l1", "dssim", "nothing", "space", "time", "one", "rigid")
-        return {name: getattr(self.loss, name) for name in names}
-
 
 class BlockSizes(eqx.Module):
     """The static sizes that a block of steps is compiled for.
@@ -166,16 +161,16 @@ def loss_of(
     terms = losses.terms(
         judged, truth, options=options.loss, side=batch.side, bundle=options.trace.bundle
     )
-    if options.loss.nothing and options.backdrop is not None:
+    if options.loss.backdrop_opacity and options.backdrop is not None:
         nothing = (weight > 0) & like_backdrop(truth, options.backdrop)
         opacity = 1 - jnp.mean(pixels.transmittance, axis=0)
-        terms["nothing"] = jnp.mean(jnp.where(nothing, opacity, 0))
+        terms["backdrop_opacity"] = jnp.mean(jnp.where(nothing, opacity, 0))
     if parameters.deformation is not None:
         terms |= regularizer.plane_terms(parameters.deformation.planes)
         control = parameters.deformation.control
         if options.at_rest and control is not None:
             terms["rigid"] = regularizer.rigid_term(control, batch.time)
-    weights = options.weights()
+    weights = options.loss.weights
     total = jnp.asarray(sum(weights[name] * term for name, term in terms.items()))
     terms["mse"] = jnp.sum((image - truth) ** 2) / (3 * jnp.maximum(jnp.sum(weight), 1))
     error = _tile_errors(image, truth, weight, batch)

@@ -17,11 +17,11 @@ _OTHER = ("segment", "stage", "step", "seconds", "psnr", "gaussians", "mse")
 TERMS = {
     "l1": "L1",
     "dssim": "1 - SSIM",
-    "nothing": "opacity before the plain backdrop",
+    "backdrop_opacity": "opacity before the plain backdrop",
     "rigid": "control points: neighbours that move apart",
-    "one": "planes: distance from 1",
-    "space": "planes: smoothness in space",
-    "time": "planes: smoothness in time",
+    "time_planes_from_one": "planes: distance from 1",
+    "plane_variation": "planes: smoothness in space",
+    "time_smoothness": "planes: smoothness in time",
     "opacity_cost": "mean opacity (transient times density.transient_cost)",
     "scale_cost": "mean scale (transient times density.transient_cost)",
 }

@@ -162,7 +162,6 @@ class Stage(NamedTuple):
     program: Program
     rows: Rows
     boxes: tuple[Int[Array, " gaussians"], Float[Array, "cells 6"], Float[Array, "supers 6"]]
-    strips: int
     skipped: Int[Array, ""]
 
 
@@ -218,7 +217,7 @@ def stage_and_strips(
     if motion.transient is not None:
         time = cut(clipped_time(motion.time_range, rays.time)[..., None])
     skipped = jnp.sum(~fine, dtype=jnp.int32)
-    stage = Stage(program, rows, boxes, strips, skipped)
+    stage = Stage(program, rows, boxes, skipped)
     return stage, Strip(cut(rays.origin), cut(rays.direction), weight, time)
 
 

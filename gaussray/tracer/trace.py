@@ -94,7 +94,7 @@ def _trace_kernel(
     def one(strip: kernel.Strip):
         lists = kernel.candidate_lists(stage, strip)
         sums, transmittance, hits = kernel.march_kernel(stage.program, stage.rows, strip, lists)
-        needed, dropped = _slot_needs(lists.count, options, capacity)
+        needed, dropped = _slot_needs(lists.count, capacity)
         return sums, transmittance, needed, dropped, total_hits(hits)
 
     sums, transmittance, needed, dropped, hits = map_leading(one, strips)
@@ -123,7 +123,7 @@ def map_leading(function: Callable, tree):
     return jax.tree.map(lambda x: x[None], function(jax.tree.map(lambda x: x[0], tree)))
 
 
-def _slot_needs(count: Array, options: TraceOptions, capacity: Capacity) -> tuple[Array, Array]:
+def _slot_needs(count: Array, capacity: Capacity) -> tuple[Array, Array]:
     """`needed` and `dropped` of lists that only have `slots`."""
     none = jnp.zeros(len(capacity.cells) + 1, jnp.int32)
     needed = jnp.append(none, jnp.max(count))
@@ -274,7 +274,7 @@ def _needed_sizes(
             scene.motion, rays, scene.span, options=options, slots=capacity.slots
         )
         counts = map_leading(lambda strip: kernel.candidate_lists(stage, strip).count, strips)
-        return scene.with_transient_count(*_slot_needs(counts, options, capacity))
+        return scene.with_transient_count(*_slot_needs(counts, capacity))
     lists, _ = find_candidates(motion, rays, options=options, capacity=capacity)
     return lists.needed, lists.dropped
 

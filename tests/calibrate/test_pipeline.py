@@ -205,7 +205,7 @@ def test_coefficients_that_make_no_lens_are_refused(tmp_path):
     # r(theta) turns back before the rim.
     value = np.array([-1e6 * (one.name == "k2") for one in parameters])
     sums = Sums(*(np.zeros(1),) * 5)
-    solution = Solution(value, sums, sums, 1.0, [])
+    solution = Solution(value, sums, sums, [])
     with pytest.raises(ValueError, match=r"no valid lens: lens.k .*more calibrate.coarsest blocks"):
         calibrated_records(solver, solution, views, "pinhole", ["cam"])
 

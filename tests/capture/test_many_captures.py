@@ -97,7 +97,7 @@ def run(laid):
     out = folder / "run"
     chosen = [f"capture.{word}" for word in words]
     # Codecs and means blur what moves in so small a picture: a third of the time is enough.
-    fit = [*toy.overrides(toy.SHORT), "fit.moving=0.2"]
+    fit = [*toy.overrides(toy.SHORT), "fit.moving_threshold=0.2"]
     main(["reconstruct", f"capture.path={folder}", f"out={out}", "quiet=true", *chosen, *fit])
     truth = [f"truth_{word}" for word in words]
     main(["evaluate", f"scene={out}", f"truth={folder}", "quiet=true", *truth])

@@ -167,7 +167,7 @@ def test_an_unknown_key_fails_and_is_named(override):
     [
         ("demo", "fit.coarse=many", "fit.coarse must be a whole number, got 'many'"),
         ("demo", "fit.coarse=2.5", "fit.coarse must be a whole number, got 2.5"),
-        ("demo", "fit.opacity=null", "fit.opacity must be a number, got None"),
+        ("demo", "fit.initial_opacity=null", "fit.initial_opacity must be a number, got None"),
         ("evaluate", "evaluate.images=3", "evaluate.images must be true or false, got 3"),
         ("render", "camera.names=cam_0", "camera.names must be a list, got 'cam_0'"),
         (
@@ -219,8 +219,8 @@ def test_a_bad_value_fails_with_key_rule_and_value(command, override, message):
 
 
 def test_a_whole_number_does_for_a_fraction():
-    cfg = compose_config("demo", ["fit.opacity=1"])
-    assert build_options(stage.FitOptions, cfg.fit).opacity == 1.0
+    cfg = compose_config("demo", ["fit.initial_opacity=1"])
+    assert build_options(stage.FitOptions, cfg.fit).initial_opacity == 1.0
     cfg = compose_config("render", [*GIVEN["render"], "physical.sensor=[36,24.0]"])
     sensor = build_options(PhysicalOptions, cfg.physical).sensor
     assert sensor == (36.0, 24.0) and {type(x) for x in sensor} == {float}

@@ -171,7 +171,7 @@ def options(*refine, steps=100):
             surround=0.0,
         ),
         optimizer=OptimizerOptions(**(still | fast | {"decay": 0.05})),
-        loss=LossOptions(space=0.0, time=0.0, one=0.0),
+        loss=LossOptions(plane_variation=0.0, time_smoothness=0.0, time_planes_from_one=0.0),
     )
 
 

@@ -81,7 +81,7 @@ def test_a_folder_that_has_gone_is_told(tmp_path, state):
         ("deformation.trunk.bias", "optimizer.network"),
         ("deformation.planes.lower", "optimizer.planes"),
         ("deformation.mean[0].bias", "optimizer.network"),
-        ("deformation.mean[1].bias", "optimizer.motion"),
+        ("deformation.mean[1].bias", "optimizer.mean_head"),
         ("deformation.bodies.turn", "optimizer.turn"),
         ("deformation.control.turn", "optimizer.control_turn"),
     ],

@@ -128,7 +128,15 @@ def test_the_loss_falls(fitted):
     first, last = lines(out)[0], np.mean([line["l1"] for line in fine[-5:]])
     assert last < first["l1"] / FALL, (first["l1"], last)
     assert lines(out)[-1]["step"] == 200
-    assert {"l1", "space", "time", "one", "mse", "psnr", "seconds"} <= set(lines(out)[-1])
+    assert {
+        "l1",
+        "plane_variation",
+        "time_smoothness",
+        "time_planes_from_one",
+        "mse",
+        "psnr",
+        "seconds",
+    } <= set(lines(out)[-1])
 
 
 def test_a_stage_is_compiled_once(fitted):

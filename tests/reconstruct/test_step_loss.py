@@ -29,6 +29,7 @@ CLOSE = 1e-6
 EXTENT = 2.0
 TIMES = toy.single([0.0])
 RELOCATE = DensityOptions(kind="relocate", interval=10, opacity_cost=0.01, scale_cost=0.02)
+NO_PLANES = {"plane_variation": 0.0, "time_smoothness": 0.0, "time_planes_from_one": 0.0}
 
 
 def parameters():
@@ -62,8 +63,8 @@ def test_a_weight_of_zero_switches_a_cost_off_and_splitting_has_none():
 
 def test_every_term_has_the_weight_of_its_key():
     options = StepOptions(LossOptions(l1=0.8, dssim=0.2), OptimizerOptions(), TraceOptions())
-    weights = options.weights()
-    assert weights["l1"] == 0.8 and weights["dssim"] == 0.2 and weights["nothing"] == 0.1
+    weights = options.loss.weights
+    assert weights["l1"] == 0.8 and weights["dssim"] == 0.2 and weights["backdrop_opacity"] == 0.1
 
 
 def loss_before_black(opacity, loss, ignore_moving=None):
@@ -104,7 +105,7 @@ def loss_before_black(opacity, loss, ignore_moving=None):
 
 
 def test_what_is_black_before_a_black_backdrop_costs_its_opacity():
-    loss, opacity = LossOptions(space=0.0, time=0.0, one=0.0, nothing=0.1), toy.single(0.6)
+    loss, opacity = LossOptions(**NO_PLANES, backdrop_opacity=0.1), toy.single(0.6)
     _, terms, empty = loss_before_black(opacity, loss)
     black = toy.gaussians(np.zeros((1, 3)), 0.3, 0.0, opacity=0.6)
     renderer = Renderer(
@@ -116,19 +117,19 @@ def test_what_is_black_before_a_black_backdrop_costs_its_opacity():
     places = tile_order(16, 8)
     expected = np.where(empty, np.asarray(alpha).reshape(-1)[places], 0).mean()
     assert expected > 0.03
-    np.testing.assert_allclose(terms["nothing"], expected, rtol=1e-4)
+    np.testing.assert_allclose(terms["backdrop_opacity"], expected, rtol=1e-4)
 
 
 def test_nothing_else_makes_black_before_black_fade():
     def slope(weight):
-        loss = LossOptions(space=0.0, time=0.0, one=0.0, nothing=weight)
+        loss = LossOptions(**NO_PLANES, backdrop_opacity=weight)
         return jax.grad(lambda x: loss_before_black(x, loss)[0])(toy.single(0.6))
 
     assert abs(slope(0.0)) < CLOSE < 1e-3 < slope(0.1)
 
 
 def test_late_in_a_stage_of_what_stands_still_pixels_that_differ_much_have_no_say():
-    loss = LossOptions(nothing=0.0)
+    loss = LossOptions(backdrop_opacity=0.0)
     costs = [
         float(loss_before_black(toy.single(0.6), loss, ignored)[0])
         for ignored in (None, jnp.asarray(False), jnp.asarray(True))

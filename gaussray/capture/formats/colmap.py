@@ -23,9 +23,9 @@ from gaussray.capture.formats.colmap_files import (
 from gaussray.capture.formats.json_keys import Keys
 from gaussray.capture.formats.picture_places import other_spellings
 from gaussray.capture.formats.poses import opengl_pose, quaternion_turn
-from gaussray.capture.formats.rig import natural_order
 from gaussray.capture.formats.transforms import views_in_time, views_of
 from gaussray.capture.videos import VIDEO_SUFFIXES, frame_path, read_video
+from gaussray.io.natural_order import natural_order
 
 
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr")

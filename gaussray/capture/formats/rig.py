@@ -15,6 +15,7 @@ from gaussray.capture.formats.completion import KNOWN_SUFFIXES
 from gaussray.capture.formats.json_keys import Keys
 from gaussray.capture.formats.transforms import points_of, views_in_time, views_of
 from gaussray.capture.videos import VIDEO_SUFFIXES, frame_path, read_video
+from gaussray.io.natural_order import natural_order
 from gaussray.io.safe.limits import within
 
 
@@ -73,12 +74,6 @@ def film_of(top: Keys, name: str) -> dict[int, str]:
             frames = range(read_video(path).frames)
             return {i: frame_path(path, i).relative_to(home).as_posix() for i in frames}
     return {}
-
-
-def natural_order(path: Path) -> list[str | int]:
-    """A key that sorts names by the numbers in them: cam2 before cam10."""
-    parts = re.split(r"(\d+)", path.name)
-    return [int(part) if k % 2 else part for k, part in enumerate(parts)]
 
 
 def rig_capture(

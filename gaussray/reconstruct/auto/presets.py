@@ -14,7 +14,9 @@ from gaussray.tracer.trace import TraceOptions
 
 
 # Steps of each stage of rigid bodies on a GPU (fit=full); on a CPU those of fit=default.
-_BODIES_GPU = FitOptions(coarse=600, fine=16000, tiles=512, opacity=0.6, motion="deformation")
+_BODIES_GPU = FitOptions(
+    coarse=600, fine=16000, tiles=512, initial_opacity=0.6, motion="deformation"
+)
 # On stereo's points: twice as many rays in half as many steps, in tiles that SSIM can look at.
 _BODIES_STEREO = FitOptions(
     coarse=600,
@@ -22,13 +24,14 @@ _BODIES_STEREO = FitOptions(
     tiles=256,
     tile_side=16,
     degree=2,
-    rise=1000,
-    opacity=0.5,
+    degree_interval=1000,
+    initial_opacity=0.5,
     motion="deformation",
 )
 # The largest number of Gaussians with bodies, unless more points are there from the start.
 _MOST_BODIES = 200_000
-# loss.time on stereo's points. Rigid bodies move without the field, so it may be smooth in time.
+# loss.time_smoothness on stereo's points. Rigid bodies move without the field, so it may be smooth
+# in time.
 _SMOOTH_FIELD = 0.03
 # Cost of opacity times number of viewpoints; its maximum, and that of transient Gaussians; and the
 # number of viewpoints from which on it is raised (experiments/captures/log.md).
@@ -56,10 +59,10 @@ def still_preset(pixels: float, minutes: float, machine: Machine) -> Reconstruct
             tile_side=32,
             validate=0.015,
             # Much of a picture may be plain: a wall, the sky, what an object stands before.
-            error=0.5,
+            error_share=0.5,
             degree=3 if machine.gpu else 1,
-            rise=1000 if machine.gpu else 300,
-            opacity=0.5,
+            degree_interval=1000 if machine.gpu else 300,
+            initial_opacity=0.5,
             # Few at first: large Gaussians find the shapes, copies of them the details.
             points=gaussians // 4,
         ),
@@ -90,8 +93,8 @@ def transient_preset(
             tile_side=32,
             validate=0.015,
             degree=2 if machine.gpu else 0,
-            rise=1000 if machine.gpu else 0,
-            opacity=0.5,
+            degree_interval=1000 if machine.gpu else 0,
+            initial_opacity=0.5,
             motion=motion,
             points=gaussians // 4,
             instants=machine.instants,
@@ -154,7 +157,7 @@ def body_preset(
     return replace(
         chosen,
         fit=_BODIES_STEREO,
-        loss=replace(brief.loss, time=_SMOOTH_FIELD),
+        loss=replace(brief.loss, time_smoothness=_SMOOTH_FIELD),
         density=replace(brief.density, gaussians=_MOST_BODIES),
     )
 

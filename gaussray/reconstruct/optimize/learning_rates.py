@@ -53,7 +53,7 @@ class OptimizerOptions(eqx.Module):
         light: light on surfaces by the direction of their normals.
         planes: feature planes of the deformation (4DGaussians: 1.6e-3).
         network: network of the deformation (4DGaussians: 1.6e-4).
-        motion: the last layer of the network's head for means, in extents.
+        mean_head: the last layer of the network's head for means, in extents.
         pose: poses of cameras, in radians and extents.
         lens: logarithms of focal lengths, and principal points in focal lengths.
         shutter: logarithm of the readout time.
@@ -84,7 +84,7 @@ class OptimizerOptions(eqx.Module):
     light: float = eqx.field(static=True, default=2e-2)
     planes: float = eqx.field(static=True, default=1e-2)
     network: float = eqx.field(static=True, default=1e-3)
-    motion: float = eqx.field(static=True, default=2.5e-4)
+    mean_head: float = eqx.field(static=True, default=2.5e-4)
     pose: float = eqx.field(static=True, default=3e-4)
     lens: float = eqx.field(static=True, default=3e-4)
     shutter: float = eqx.field(static=True, default=3e-2)
@@ -98,7 +98,7 @@ class OptimizerOptions(eqx.Module):
             *("mean", "quat", "scale", "opacity", "color", "harmonics"),
             *("transient", "velocity", "instant", "lifetime"),
             *("path", "turn", "control_path", "control_turn", "from_rest"),
-            *("light", "planes", "network", "motion"),
+            *("light", "planes", "network", "mean_head"),
             *REFINABLE,
         ):
             if getattr(self, name) < 0:
@@ -199,7 +199,7 @@ def rates(
                 (*fixed[:3], path * fall, turn * fall),
             )
         if parameters.deformation.mean is not None:
-            motion = options.motion * extent * fall
+            motion = options.mean_head * extent * fall
             deformation = eqx.tree_at(
                 lambda d: (d.mean[1].weight, d.mean[1].bias), deformation, (motion, motion)
             )

@@ -1,5 +1,7 @@
 """How far a rendered picture is from the photograph."""
 
+import dataclasses
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -19,11 +21,11 @@ class LossOptions(eqx.Module):
     Args:
         l1: mean absolute difference of sRGB-encoded colours (4D-GRT: 1; 3DGS and 3DGRT: 0.8).
         dssim: 1 - SSIM of sRGB-encoded colours (4D-GRT: 0; 3DGS and 3DGRT: 0.2).
-        nothing: mean opacity of the pixels that show a plain backdrop (`data.backdrop`): what has
-            its colour before it costs nothing else, and hides things from other cameras.
-        space: plane regulariser in space (`regularizer.plane_terms`).
-        time: plane regulariser in time.
-        one: plane regulariser towards a field that does not change.
+        backdrop_opacity: mean opacity of the pixels that show a plain backdrop (`data.backdrop`):
+            what has its colour before it costs nothing else, and hides things from other cameras.
+        plane_variation: plane regulariser in space (`regularizer.plane_terms`).
+        time_smoothness: plane regulariser in time.
+        time_planes_from_one: plane regulariser towards a field that does not change.
         rigid: cost of control points that began at rest and do not move as rigidly as possible
             (`regularizer.rigid_term`).
 
@@ -33,16 +35,21 @@ class LossOptions(eqx.Module):
 
     l1: float = eqx.field(static=True, default=1.0)
     dssim: float = eqx.field(static=True, default=0.0)
-    nothing: float = eqx.field(static=True, default=0.1)
-    space: float = eqx.field(static=True, default=1e-4)
-    time: float = eqx.field(static=True, default=1e-3)
-    one: float = eqx.field(static=True, default=1e-4)
+    backdrop_opacity: float = eqx.field(static=True, default=0.1)
+    plane_variation: float = eqx.field(static=True, default=1e-4)
+    time_smoothness: float = eqx.field(static=True, default=1e-3)
+    time_planes_from_one: float = eqx.field(static=True, default=1e-4)
     rigid: float = eqx.field(static=True, default=0.1)
 
     def __check_init__(self):
-        for name in ("l1", "dssim", "nothing", "space", "time", "one", "rigid"):
-            if getattr(self, name) < 0:
-                raise ValueError(f"loss.{name} must be at least 0, got {getattr(self, name)}.")
+        for name, weight in self.weights.items():
+            if weight < 0:
+                raise ValueError(f"loss.{name} must be at least 0, got {weight}.")
+
+    @property
+    def weights(self) -> dict[str, float]:
+        """All weights by their names, which terms of the loss have as well."""
+        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
 
 
 def terms(

@@ -20,14 +20,15 @@ _SOFT = 0.01
 def plane_terms(planes: Planes) -> dict[str, Float[Array, ""]]:
     """The three plane regularisers of HexPlane and 4DGaussians, unweighted.
 
-    `space`: mean squared difference of neighbours in the spatial planes (total variation).
-    `time`: mean squared second difference along time. `one`: mean |1 - time plane|, which pulls
-    towards a field that does not change.
+    `plane_variation`: mean squared difference of neighbours in the spatial planes (total
+    variation). `time_smoothness`: mean squared second difference along time.
+    `time_planes_from_one`: mean |1 - time plane|, which pulls towards a field that does not change.
     """
     space = [_squares(p, 1) + _squares(p, 2) for p in planes.space]
     time = [_squares(jnp.diff(p, axis=1), 1) for p in planes.time]
     one = [jnp.mean(jnp.abs(1 - p)) for p in planes.time]
-    return {"space": sum(space), "time": sum(time), "one": sum(one)}  # type: ignore[dict-item]
+    terms = {"plane_variation": space, "time_smoothness": time, "time_planes_from_one": one}
+    return {name: sum(term) for name, term in terms.items()}  # type: ignore[misc]
 
 
 def rigid_term(control: ControlPoints, time: Float[Array, ""]) -> Float[Array, ""]:

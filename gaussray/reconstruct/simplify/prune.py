@@ -46,7 +46,8 @@ class PruneOptions(eqx.Module):
         tiles: ray bundles (trace.bundle^2 pixels each) on which the loss is measured, at each time.
         instants: the number of times, evenly spread, at which the loss is measured. Of fewer times
             more bundles are taken, tiles x instants in all.
-        weigh: further ray bundles, in all, on which the contribution of each Gaussian is measured.
+        contribution_tiles: further ray bundles, in all, on which the contribution of each Gaussian
+            is measured.
         precision: how the scene is saved. `compact` quantises it (`scene.compression`), `full`
             keeps every bit.
     """
@@ -54,13 +55,13 @@ class PruneOptions(eqx.Module):
     loss: float = eqx.field(static=True, default=0.02)
     tiles: int = eqx.field(static=True, default=256)
     instants: int = eqx.field(static=True, default=16)
-    weigh: int = eqx.field(static=True, default=8192)
+    contribution_tiles: int = eqx.field(static=True, default=8192)
     precision: str = eqx.field(static=True, default="compact")
 
     def __check_init__(self):
         if not self.loss >= 0:
             raise ValueError(f"prune.loss must be at least 0, got {self.loss}.")
-        for name in ("tiles", "instants", "weigh"):
+        for name in ("tiles", "instants", "contribution_tiles"):
             if getattr(self, name) < 1:
                 raise ValueError(f"prune.{name} must be at least 1, got {getattr(self, name)}.")
         if self.precision not in PRECISIONS:
@@ -190,7 +191,7 @@ def pruned_scene(
         views,
         tiles=options.tiles,
         instants=options.instants,
-        weigh=options.weigh,
+        weigh=options.contribution_tiles,
         seed=seed,
     )
     field = scene.deformation

@@ -177,6 +177,11 @@ def load_views(scene: Path | str, cameras: Path | str | None) -> list[View]:
     """
     if cameras is not None:
         folder = Path(cameras)
+        if not folder.exists():
+            raise FileNotFoundError(
+                f"cameras={cameras}: no such file or folder. Name a capture's folder, or a "
+                "manifest (JSON)."
+            )
         if not folder.is_dir():
             return read_cameras(folder)
         name = format_of(folder)

@@ -204,7 +204,10 @@ def test_opacity_costs_more_where_few_viewpoints_show_a_scene(still):
 
 def test_a_field_on_bodies_without_given_points_is_smooth_in_time():
     wanted = ReconstructOptions(fit=FitOptions(motion="deformation"))
-    assert effort(from_places(9), wanted, GPU).options.loss.time > LossOptions().time
+    assert (
+        effort(from_places(9), wanted, GPU).options.loss.time_smoothness
+        > LossOptions().time_smoothness
+    )
 
 
 @pytest.mark.parametrize("machine", [CPU, GPU])

@@ -142,7 +142,7 @@ def test_the_regulariser_of_constant_planes_is_zero():
     start = planes()
     flat = planes(space=tuple(jnp.full_like(x, 0.3) for x in start.space))
     assert {name: float(x) for name, x in roughness(flat).items()} == {
-        "space": 0.0, "time": 0.0, "one": 0.0,
+        "plane_variation": 0.0, "time_smoothness": 0.0, "time_planes_from_one": 0.0,
     }  # fmt: skip
 
 
@@ -155,18 +155,20 @@ def test_the_regularisers_by_hand():
     found = roughness(planes(space=tuple(map(jnp.asarray, space)),
                                      time=tuple(map(jnp.asarray, time))))  # fmt: skip
     each_way = 2 * 3.0**2 / (3 * 2 * 3 * 2)
-    np.testing.assert_allclose(found["space"], 2 * each_way, rtol=1e-12)
-    np.testing.assert_allclose(found["time"], (1 + 4) / (3 * 2 * 3 * 2), rtol=1e-12)
-    np.testing.assert_allclose(found["one"], 1 / (3 * 4 * 3 * 2), rtol=1e-12)
+    np.testing.assert_allclose(found["plane_variation"], 2 * each_way, rtol=1e-12)
+    np.testing.assert_allclose(found["time_smoothness"], (1 + 4) / (3 * 2 * 3 * 2), rtol=1e-12)
+    np.testing.assert_allclose(found["time_planes_from_one"], 1 / (3 * 4 * 3 * 2), rtol=1e-12)
 
 
 def test_two_instants_have_no_curvature():
     start = planes()
     found = roughness(planes(time=tuple(x[:, :2] for x in start.time)))
-    assert found["time"] == 0
+    assert found["time_smoothness"] == 0
 
 
-@pytest.mark.parametrize("name", ["l1", "dssim", "space", "time", "one"])
+@pytest.mark.parametrize(
+    "name", ["l1", "dssim", "plane_variation", "time_smoothness", "time_planes_from_one"]
+)
 def test_a_negative_weight_is_named(name):
     with pytest.raises(ValueError, match=f"loss.{name} must be at least 0"):
         LossOptions(**{name: -0.1})

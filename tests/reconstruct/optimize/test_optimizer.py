@@ -81,7 +81,7 @@ def test_a_rate_of_means_in_extents_is_refused(mean):
 
 def test_what_a_network_adds_to_means_is_learnt_in_proportion_to_the_extent(parameters):
     rate = rate_at(parameters, 0).deformation
-    np.testing.assert_allclose([rate.mean[1].weight, rate.mean[1].bias], 3 * OPTIONS.motion)
+    np.testing.assert_allclose([rate.mean[1].weight, rate.mean[1].bias], 3 * OPTIONS.mean_head)
     assert rate.mean[0].weight == rate.scale[1].weight == rate.trunk.bias == OPTIONS.network
     none = dataclasses.replace(parameters.deformation, mean=None)
     moved = rate_at(dataclasses.replace(parameters, deformation=none), 0).deformation

@@ -23,7 +23,7 @@ pytestmark = pytest.mark.usefixtures("known_sizes")
 
 TRACE = toy.SHORT.trace
 # All tiles of all pictures are looked at: what adds nothing to them is seen by none.
-OPTIONS = PruneOptions(loss=0.05, tiles=8, weigh=1000)
+OPTIONS = PruneOptions(loss=0.05, tiles=8, contribution_tiles=1000)
 HIDDEN, IDLE = 6, 4
 measured = []
 
@@ -114,7 +114,7 @@ def test_what_masks_hide_almost_wholly_goes(seen, told):
 
 @pytest.mark.ci
 def test_what_was_not_looked_at_stays(seen, lavish):
-    few = dataclasses.replace(OPTIONS, weigh=1, tiles=1, instants=1)
+    few = dataclasses.replace(OPTIONS, contribution_tiles=1, tiles=1, instants=1)
     scene, _ = pruned(lavish, seen, options=few)
     behind = np.asarray(scene.static.mean)[:, 2] > 30
     assert behind.sum() == HIDDEN
