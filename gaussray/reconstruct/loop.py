@@ -203,7 +203,7 @@ def step_options(session: Session, stage: str) -> StepOptions:
         footprint=options.fit.footprint,
         refine=refine,
         formed=session.later,
-        rise=options.fit.degree_interval,
+        degree_interval=options.fit.degree_interval,
         density=options.density,
         backdrop=session.backdrop,
         still=stage == "coarse" and session.still_first,

@@ -192,7 +192,7 @@ def train_block(
             share=share,
             refine=options.refine,
             formed=options.formed,
-            rise=options.rise,
+            degree_interval=options.degree_interval,
         )
         static, moving, transient = accumulated_statistics(state, gradient, details.origin)
         parameters, adam = descend(state.parameters, gradient, state.adam, rate)

@@ -45,7 +45,7 @@ class StepOptions(eqx.Module):
         footprint: the least standard deviation of a Gaussian, in pixels; 0: none.
         refine: what the stage refines of the cameras (`corrections.REFINABLE`).
         formed: whether static Gaussians were fitted in an earlier segment (`rates`).
-        rise: steps after which harmonics of the next degree begin to learn (`rates`).
+        degree_interval: steps after which harmonics of the next degree begin to learn (`rates`).
         density: what opacity and scale cost, and the noise of positions.
         backdrop: sRGB-encoded colour of what is behind everything; None: the pictures show a room.
         still: whether Gaussians that stand still are fitted to pictures in which things move: in
@@ -61,7 +61,7 @@ class StepOptions(eqx.Module):
     footprint: float = eqx.field(static=True, default=0.0)
     refine: tuple[str, ...] = eqx.field(static=True, default=())
     formed: bool = eqx.field(static=True, default=False)
-    rise: int = eqx.field(static=True, default=0)
+    degree_interval: int = eqx.field(static=True, default=0)
     density: DensityOptions = eqx.field(default_factory=DensityOptions)
     backdrop: BackdropColor | None = eqx.field(static=True, default=None)
     still: bool = eqx.field(static=True, default=False)

@@ -156,7 +156,11 @@ class Renderer:
 
         Args:
             cameras: The cameras.
-            develop: From a frame's number and values on a device (rows of pixels, colour first).
+            develop: From a frame's number, from 0, and its values on a device, [height, width,
+                channels], of which the first three are linear light; a tree of arrays.
+
+        Yields:
+            What `develop` returned, on the host, and the frame's samples and error.
         """
         if self.options.error or len(self.scenes) > 1:
             for number, frame in enumerate(self.film(cameras)):

@@ -164,7 +164,7 @@ def options(*refine, steps=100):
             fine=steps,
             tiles=12,
             block=25,
-            balance=0.8,
+            moving_share=0.8,
             refine=refine,
             refine_gain=-1.0,
             points=1,
@@ -259,7 +259,7 @@ def soft(tmp_path_factory):
     capture = written(folder / "capture", listed, [renderer(c).color for _, c in listed])
     chosen = dataclasses.replace(
         options(),
-        fit=FitOptions(auto=False, tiles=48, samples=8, balance=0.0, points=1, surround=0.0),
+        fit=FitOptions(auto=False, tiles=48, samples=8, moving_share=0.0, points=1, surround=0.0),
     )
     fit = fit_of(capture, folder, chosen)
     state = known_scene(fit)

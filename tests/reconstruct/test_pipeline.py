@@ -227,7 +227,7 @@ def test_an_interrupted_run_goes_on_to_the_same_bytes(
 def test_drawing_by_error_goes_on_after_an_interruption_to_the_same_bytes(
     fitted, capture, tmp_path, monkeypatch
 ):
-    options = dataclasses.replace(OPTIONS, fit=dataclasses.replace(OPTIONS.fit, error=0.5))
+    options = dataclasses.replace(OPTIONS, fit=dataclasses.replace(OPTIONS.fit, error_share=0.5))
     record, batches, count, drawn = RunLog.record, Loader.batches, [], []
 
     def stop(self, *arguments):

@@ -32,7 +32,7 @@ OPTIONS = ReconstructOptions(
         tiles=4,
         block=10,
         points=27,
-        error=0.5,
+        error_share=0.5,
         checkpoint=0.0,
         refine=("exposure",),
     ),
@@ -47,7 +47,7 @@ OPTIONS = ReconstructOptions(
 RUNS = {
     "single": OPTIONS,
     "segmented": dataclasses.replace(
-        OPTIONS, fit=dataclasses.replace(OPTIONS.fit, segment=2, moving=0.4)
+        OPTIONS, fit=dataclasses.replace(OPTIONS.fit, segment=2, moving_threshold=0.4)
     ),
 }
 # Linear light of the finished scenes, against the previous version's own: nearly everywhere, and

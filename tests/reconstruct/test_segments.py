@@ -48,7 +48,7 @@ OPTIONS = ReconstructOptions(
         block=20,
         checkpoint=0.0,
         surround=0.0,
-        moving=0.4,
+        moving_threshold=0.4,
         refine=("exposure",),
         refine_gain=-1,
     ),

@@ -163,12 +163,12 @@ def motions(capture: Capture, options: ReconstructOptions, machine: Machine) -> 
     if still >= 2:
         given, stereo = _given(capture, fit), fit.start in ("auto", "stereo")
         followed = still >= CAMERAS and (given or stereo)
-        brief = "control_points" if machine.gpu and followed else "transient"
+        soft = "control_points" if machine.gpu and followed else "transient"
         if given:
-            return ("deformation", brief)
+            return ("deformation", soft)
         if not followed:
-            return (brief,)
-        return (brief, "deformation" if machine.gpu else "control_points")
+            return (soft,)
+        return (soft, "deformation" if machine.gpu else "control_points")
     _, at_once = np.unique([view.time for view in views], return_counts=True)
     many = 2 * int(np.sum(at_once >= CAMERAS)) > len(at_once)
     return ("control_points",) if many and machine.gpu else ("transient",)

@@ -24,10 +24,10 @@ _RATES_GPU = OptimizerOptions(
 _RATES_CPU_STILL = OptimizerOptions(quat=1.6e-2, scale=3.2e-2, color=3.2e-2)
 # Tiles of a step for each GPU, and on a CPU; there more where things move by transient Gaussians
 # (experiments/captures/log.md).
-_TILES_GPU, _TILES_CPU, _TILES_CPU_BRIEF = 64, 4, 8
+_TILES_GPU, _TILES_CPU, _TILES_CPU_TRANSIENT = 64, 4, 8
 # Training pixels beyond which a CPU fits smaller pictures: of stills, with rigid bodies (for which
 # it was not measured), and with other motion (experiments/captures/log.md).
-_PIXELS_STILL, _PIXELS_BODIES, _PIXELS_BRIEF = 3e6, 1e7, 4e6
+_PIXELS_STILL, _PIXELS_BODIES, _PIXELS_TRANSIENT = 3e6, 1e7, 4e6
 # How many times as long as a small capture a large one is fitted: on a GPU; on a CPU, where larger
 # pictures are scaled down, of stills and of what moves.
 _LONGEST_GPU, _LONGEST_STILL, _LONGEST_MOVING = 4.0, 1.2, 2.2
@@ -62,9 +62,9 @@ class Machine(NamedTuple):
         return _TILES_GPU * self.gpus if self.gpu else _TILES_CPU
 
     @property
-    def tiles_brief(self) -> int:
+    def tiles_transient(self) -> int:
         """Tiles of a step where transient Gaussians show what moves."""
-        return self.tiles if self.gpu else _TILES_CPU_BRIEF
+        return self.tiles if self.gpu else _TILES_CPU_TRANSIENT
 
     @property
     def minutes(self) -> float:
@@ -99,7 +99,7 @@ class Machine(NamedTuple):
         """
         if self.gpu:
             return 1e9
-        return {"none": _PIXELS_STILL, "deformation": _PIXELS_BODIES}.get(motion, _PIXELS_BRIEF)
+        return {"none": _PIXELS_STILL, "deformation": _PIXELS_BODIES}.get(motion, _PIXELS_TRANSIENT)
 
     def minutes_for(self, pixels: float, *, still: bool) -> float:
         """Minutes of steps for a capture, longer for larger ones.

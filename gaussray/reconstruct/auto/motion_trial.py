@@ -37,7 +37,7 @@ def motion_tiles(footage: Footage, share: float, seed: int) -> Bool[np.ndarray, 
 
     Args:
         footage: the training pictures.
-        share: does not count.
+        share: unused; `HoldOut` asks for it.
         seed: of the choice of squares.
     """
     names = np.unique(footage.name)

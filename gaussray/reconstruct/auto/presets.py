@@ -89,7 +89,7 @@ def transient_preset(
     return ReconstructOptions(
         fit=FitOptions(
             minutes=minutes,
-            tiles=machine.tiles_brief,
+            tiles=machine.tiles_transient,
             tile_side=32,
             validate=0.015,
             degree=2 if machine.gpu else 0,
@@ -153,12 +153,12 @@ def body_preset(
     )
     if given:
         return chosen
-    brief = transient_preset(pixels, 0.0, machine, "deformation")
+    transient = transient_preset(pixels, 0.0, machine, "deformation")
     return replace(
         chosen,
         fit=_BODIES_STEREO,
-        loss=replace(brief.loss, time_smoothness=_SMOOTH_FIELD),
-        density=replace(brief.density, gaussians=_MOST_BODIES),
+        loss=replace(transient.loss, time_smoothness=_SMOOTH_FIELD),
+        density=replace(transient.density, gaussians=_MOST_BODIES),
     )
 
 
@@ -195,17 +195,17 @@ def from_rest_preset(pixels: float, minutes: float, machine: Machine) -> Reconst
         minutes: time of the steps.
         machine: what the steps will run on.
     """
-    brief = transient_preset(pixels, minutes, machine, "from_rest")
+    transient = transient_preset(pixels, minutes, machine, "from_rest")
     # All times share them, and all follow control points.
     low, high = (50_000, 150_000) if machine.gpu else (10_000, 20_000)
     gaussians = int(np.clip(pixels / 300, low, high))
     return replace(
-        brief,
+        transient,
         fit=replace(
-            brief.fit,
+            transient.fit,
             coarse=1500 if machine.gpu else 300,
             tiles=machine.tiles,
             points=gaussians // 2,
         ),
-        density=replace(brief.density, gaussians=gaussians),
+        density=replace(transient.density, gaussians=gaussians),
     )

@@ -9,9 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from gaussray.camera.corrections import REFINABLE, refined_kinds
+from gaussray.camera.corrections import REFINABLE, Corrections, refined_kinds
 from gaussray.reconstruct.optimize.optimizer import Parameters
 from gaussray.reconstruct.optimize.rows import Kind
+from gaussray.scene.deformation import Deformation
+from gaussray.scene.gaussians import Unconstrained
 from gaussray.scene.transient import UnconstrainedTransients
 
 
@@ -132,7 +134,7 @@ def rates(
     share: float | Float[Array, ""],
     refine: tuple[str, ...] = (),
     formed: bool = False,
-    rise: int = 0,
+    degree_interval: int = 0,
 ) -> Parameters:
     """The learning rate of every array at a step, as a tree of the parameters' structure.
 
@@ -145,82 +147,111 @@ def rates(
         refine: corrections of cameras that are learnt; others have rate 0.
         formed: whether static Gaussians were fitted in an earlier segment; they learn at the rate
             with which its stage ended.
-        rise: harmonics of degree n have rate 0 for the first n x `rise` steps.
+        degree_interval: harmonics of degree n have rate 0 for the first n x this steps.
     """
-    spacing, extent, interval, at_rest = scale
     fall = jnp.asarray(options.decay**share)
 
-    def gaussians(kind: str, free: Kind, fall: Array) -> Kind:
-        brief = isinstance(free, UnconstrainedTransients)
-        own = options.transient * fall if brief else fall
-        # The constant harmonic is the colour; the others learn more slowly.
+    def color_rates(
+        free: Unconstrained | UnconstrainedTransients,
+    ) -> Float[Array, "1 coefficients 1"]:
         degree = np.floor(np.sqrt(np.arange(free.harmonics.shape[1])))[None, :, None]
-        color = jnp.where(degree == 0, options.color, options.harmonics) * own
-        color = jnp.where(degree * rise <= step, color, 0)
-        rate = {
-            "mean": options.mean * spacing[kind][:, None] * own,
-            "quat": options.quat * own,
-            "log_scale": options.scale * own,
-            "logit_opacity": options.opacity * own,
-            "harmonics": color,
-        }
-        if brief:
-            rate |= {
-                "velocity": options.velocity * extent / interval * fall,
-                "instant": options.instant * interval * fall,
-                "log_lifetime": options.lifetime * fall,
-                "plateau": jnp.zeros_like(fall),
-            }
-        # Not the constructor: one number stands for a whole array.
-        return eqx.tree_at(lambda f: tuple(getattr(f, n) for n in rate), free, tuple(rate.values()))
+        # The constant harmonic is the colour; the others learn more slowly.
+        color = jnp.where(degree == 0, options.color, options.harmonics)
+        return jnp.where(degree * degree_interval <= step, color, 0)
 
-    deformation = None
-    if parameters.deformation is not None:
-        deformation = jax.tree.map(lambda _: options.network * fall, parameters.deformation)
-        planes = jax.tree.map(lambda _: options.planes * fall, parameters.deformation.planes)
-        fixed = (jnp.zeros_like(fall),) * 4
-        planes = eqx.tree_at(lambda p: (p.lower, p.upper, p.begin, p.end), planes, fixed)
-        deformation = eqx.tree_at(
-            lambda d: (d.planes, d.light), deformation, (planes, options.light * fall)
+    def gaussians(kind: str, free: Kind, fall: Array) -> Kind:
+        return _gaussian_rates(
+            free, fall, options=options, scale=scale, kind=kind, color=color_rates(free)
         )
-        poses: dict[str, tuple[float | Array, float | Array]] = {
-            "bodies": (options.path * extent, options.turn)
-        }
-        control = parameters.deformation.control
-        if control is not None:
-            poses["control"] = options.control_path * extent, options.control_turn
-        if control is not None and at_rest is not None:
-            path = options.from_rest * at_rest[:, None, None]
-            poses["control"] = path, _TURN_SHARE * path / control.radius[:, None, None]
-        for part, (path, turn) in poses.items():
-            deformation = eqx.tree_at(
-                lambda d, part=part: tuple(getattr(getattr(d, part), n) for n in _POSE_FIELDS),
-                deformation,
-                (*fixed[:3], path * fall, turn * fall),
-            )
-        if parameters.deformation.mean is not None:
-            motion = options.mean_head * extent * fall
-            deformation = eqx.tree_at(
-                lambda d: (d.mean[1].weight, d.mean[1].bias), deformation, (motion, motion)
-            )
+
     still = jnp.full_like(fall, options.decay) if formed else fall
     static = gaussians("static", parameters.static, still)
     moving = gaussians("moving", parameters.moving, fall)
     transient = None
     if parameters.transient is not None:
         transient = gaussians("transient", parameters.transient, fall)
-    corrections, refined = parameters.corrections, refined_kinds(parameters.corrections)
-    if refined:
-        # A scene that is not formed yet gives wrong gradients of cameras.
-        half = 2 * share
-        late = jnp.minimum(half, 1) * options.decay ** jnp.maximum(half - 1, 0)
-        kinds = {kind: getattr(options, kind) * late * (kind in refine) for kind in refined}
-        corrections = eqx.tree_at(
-            lambda c: tuple(getattr(c, kind) for kind in kinds), corrections, tuple(kinds.values())
-        )
-    shading = parameters.shading
-    if shading is not None:
-        none = jnp.zeros_like(fall)
-        # It was measured.
-        shading = jax.tree.map(lambda _: none, shading)
+    deformation = None
+    if parameters.deformation is not None:
+        deformation = _deformation_rates(parameters.deformation, fall, options, scale)
+    corrections = _correction_rates(parameters.corrections, options, share, refine)
+    # It was measured.
+    shading = jax.tree.map(lambda _: jnp.zeros_like(fall), parameters.shading)
     return Parameters(static, moving, deformation, corrections, transient, shading)
+
+
+def _gaussian_rates(
+    free: Kind,
+    fall: Float[Array, ""],
+    *,
+    options: OptimizerOptions,
+    scale: CaptureScale,
+    kind: str,
+    color: Float[Array, "1 coefficients 1"],
+) -> Kind:
+    """The rates of Gaussians of one kind; `color`: those of their harmonics at the start."""
+    transient = isinstance(free, UnconstrainedTransients)
+    own = options.transient * fall if transient else fall
+    rate = {
+        "mean": options.mean * scale.spacing[kind][:, None] * own,
+        "quat": options.quat * own,
+        "log_scale": options.scale * own,
+        "logit_opacity": options.opacity * own,
+        "harmonics": color * own,
+    }
+    if transient:
+        rate |= {
+            "velocity": options.velocity * scale.extent / scale.interval * fall,
+            "instant": options.instant * scale.interval * fall,
+            "log_lifetime": options.lifetime * fall,
+            "plateau": jnp.zeros_like(fall),
+        }
+    # Not the constructor: one number stands for a whole array.
+    return eqx.tree_at(lambda f: tuple(getattr(f, n) for n in rate), free, tuple(rate.values()))
+
+
+def _deformation_rates(
+    field: Deformation, fall: Float[Array, ""], options: OptimizerOptions, scale: CaptureScale
+) -> Deformation:
+    """The rates of planes, network, light, bodies and control points."""
+    rate = jax.tree.map(lambda _: options.network * fall, field)
+    planes = jax.tree.map(lambda _: options.planes * fall, field.planes)
+    fixed = (jnp.zeros_like(fall),) * 4
+    planes = eqx.tree_at(lambda p: (p.lower, p.upper, p.begin, p.end), planes, fixed)
+    rate = eqx.tree_at(lambda d: (d.planes, d.light), rate, (planes, options.light * fall))
+    poses: dict[str, tuple[float | Array, float | Array]] = {
+        "bodies": (options.path * scale.extent, options.turn)
+    }
+    if field.control is not None:
+        poses["control"] = options.control_path * scale.extent, options.control_turn
+        if scale.at_rest is not None:
+            path = options.from_rest * scale.at_rest[:, None, None]
+            poses["control"] = path, _TURN_SHARE * path / field.control.radius[:, None, None]
+    for part, (path, turn) in poses.items():
+        rate = eqx.tree_at(
+            lambda d, part=part: tuple(getattr(getattr(d, part), n) for n in _POSE_FIELDS),
+            rate,
+            (*fixed[:3], path * fall, turn * fall),
+        )
+    if field.mean is not None:
+        last = options.mean_head * scale.extent * fall
+        rate = eqx.tree_at(lambda d: (d.mean[1].weight, d.mean[1].bias), rate, (last, last))
+    return rate
+
+
+def _correction_rates(
+    corrections: Corrections | None,
+    options: OptimizerOptions,
+    share: float | Float[Array, ""],
+    refine: tuple[str, ...],
+) -> Corrections | None:
+    """The rates of corrections of cameras, largest in the middle of a stage: a scene that is not
+    formed yet gives wrong gradients of cameras."""
+    refined = refined_kinds(corrections)
+    if not refined:
+        return corrections
+    half = 2 * share
+    late = jnp.minimum(half, 1) * options.decay ** jnp.maximum(half - 1, 0)
+    kinds = {kind: getattr(options, kind) * late * (kind in refine) for kind in refined}
+    return eqx.tree_at(
+        lambda c: tuple(getattr(c, kind) for kind in kinds), corrections, tuple(kinds.values())
+    )

@@ -213,7 +213,7 @@ def test_a_trial_compares_the_smallest_pictures_and_the_fit_has_its_own(
     capture, tmp_path, monkeypatch, best
 ):
     """On a CPU, transient Gaussians are fitted to smaller pictures than rigid bodies."""
-    monkeypatch.setattr(machine, "_PIXELS_BRIEF", 2000.0)
+    monkeypatch.setattr(machine, "_PIXELS_TRANSIENT", 2000.0)
     width, seen = training_views(capture)[0].width, {}
 
     class Fitted(Exception):

@@ -138,7 +138,7 @@ def test_harmonics_of_the_next_degree_begin_to_learn_after_so_many_steps(paramet
             options=OPTIONS,
             scale=units(learning),
             share=step / 100,
-            rise=10,
+            degree_interval=10,
         ).static.harmonics
         assert np.count_nonzero(np.ravel(found)) == (degree + 1) ** 2
 
