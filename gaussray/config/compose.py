@@ -54,6 +54,7 @@ def compose_config(command: str, overrides: Sequence[str]) -> Configuration:
             is named by the time although several processes must share it.
     """
     cfg = resolve_config(command, compose_unresolved(command, tuple(overrides)))
+    _check_switches(command, cfg)
     out_is_given = any(re.match(r"\+*out=", word) for word in overrides)
     shared = cfg.devices.hosts != 1 or (command == "render" and cfg.dataset.shard != "0/1")
     named_by_time = "out" in keys(command) and "${now" in keys(command)["out"].default
@@ -63,6 +64,14 @@ def compose_config(command: str, overrides: Sequence[str]) -> Configuration:
             f"{command} out=DIR`."
         )
     return cfg
+
+
+def _check_switches(command: str, cfg: Configuration) -> None:
+    """Refuse values other than true and false of keys that are in no group, such as report."""
+    for name, key in keys(command).items():
+        value = cfg.get(name) if "." not in name else None
+        if key.default in ("true", "false") and not isinstance(value, bool | None):
+            raise ValueError(f"{name} must be true or false, got {value!r}.")
 
 
 class Variations:

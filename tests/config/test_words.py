@@ -90,3 +90,9 @@ def test_a_preset_may_have_names_of_earlier_versions(tmp_path):
 def test_a_mistake_in_a_name_of_an_earlier_version_is_told_in_todays():
     with pytest.raises(ValueError, match=r"^prune\.los is no key .*prune\.loss"):
         compose_config("reconstruct", ["capture.path=x", "need.los=0.5"])
+
+
+@pytest.mark.parametrize("word", ["report=maybe", "quiet=2", "tensorboard=[]"])
+def test_what_is_neither_true_nor_false_is_refused(word):
+    with pytest.raises(ValueError, match=f"^{word.split('=')[0]} must be true or false, got"):
+        compose_config("reconstruct", ["capture.path=x", word])
