@@ -140,6 +140,9 @@ class CameraSolver:
             value: Values of the unknowns.
             level: Blocks of each observation.
             deviation: Standard deviation of the residuals.
+
+        Raises:
+            ValueError: no pixel can be compared, or values are not finite.
         """
         n, residuals = self.count, []
         gradient, scatter = np.zeros(n), np.zeros((2, n, n))

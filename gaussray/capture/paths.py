@@ -22,6 +22,9 @@ def read_path(
     nerfstudio's `camera_path` of {camera_to_world}, evenly over its `seconds` (1 without); its
     fields of view are not read. Anything else is text in the format of the TUM RGB-D benchmark:
     `time x y z qx qy qz qw` on each line, camera axes +x right, +y down, +z forward, # a comment.
+
+    Raises:
+        CaptureError: the file is malformed, or its times do not increase.
     """
     path = Path(path)
     times, quat, place = _of_json(path) if path.suffix == ".json" else _of_text(path)

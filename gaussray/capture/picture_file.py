@@ -157,7 +157,11 @@ def read_with_alpha(
 
 
 def picture_size(path: Path | str) -> tuple[int, int]:
-    """Width and height in pixels of a picture, or of a frame of a video, from the file's header."""
+    """Width and height in pixels of a picture, or of a frame of a video, from the file's header.
+
+    Raises:
+        CaptureError: the file is no picture, or the video has no such frame.
+    """
     frame = frame_of(Path(path))
     if frame is None:
         spec = open_image(path).spec()

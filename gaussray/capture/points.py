@@ -28,6 +28,9 @@ def read_points(path: Path | str) -> Points:
 
     Integer colours are sRGB values, float colours linear light (as in pictures). Without colours,
     all are 0.5, with a warning. Points that are not finite are dropped, with a warning.
+
+    Raises:
+        CaptureError: the file is malformed, or holds no finite point.
     """
     path = Path(path)
     try:

@@ -86,7 +86,11 @@ class Variations:
         self._composed = functools.cache(compose_unresolved)
 
     def with_values(self, values: Mapping[str, Any]) -> Configuration:
-        """The resolved configuration with these values of keys and choices of groups."""
+        """The resolved configuration with these values of keys and choices of groups.
+
+        Raises:
+            ValueError: a key does not exist, or a value breaks its rule.
+        """
         base = self._composed(self.command, self.overrides)
         groups = [key for key in values if OmegaConf.is_dict(_value_at(base, key))]
         choices = (f"{key}={values[key]}" for key in groups)

@@ -117,6 +117,9 @@ def render_shard(overrides: Sequence[str], cfg: Configuration) -> int:
 
     Returns:
         The number of samples, of all shards, that are still missing.
+
+    Raises:
+        ValueError: several hosts are to share a frame.
     """
     limit(build_options(Limits, cfg.limits))
     devices = begin(build_options(DevicesOptions, cfg.devices))

@@ -105,6 +105,9 @@ def side_by_side(
         truth: the left picture, linear light or 8-bit levels.
         ours: the middle picture, of the same size.
         gain: factor of the absolute difference, which is the right picture.
+
+    Raises:
+        ValueError: the pictures have different sizes.
     """
     truth, ours = srgb_levels(truth), srgb_levels(ours)
     if truth.shape != ours.shape:

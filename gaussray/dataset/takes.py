@@ -135,7 +135,11 @@ def _index_of(line: Path) -> int:
 
 
 def read_takes(data: Path | str) -> Iterator[dict[str, Any]]:
-    """The lines of a dataset's manifest, one after another."""
+    """The lines of a dataset's manifest, one after another.
+
+    Raises:
+        OSError: the manifest cannot be read.
+    """
     path = Path(data) / MANIFEST
     try:
         file = opened(path)

@@ -236,6 +236,9 @@ def find_candidates(
         rays: as for `trace`; a bundle has one list for all samples.
         options: as for `trace`.
         capacity: as for `trace`.
+
+    Raises:
+        ValueError: the capacity is one for lists without a grid.
     """
     motion, rays = jax.lax.stop_gradient((motion, moved_to_start(_with_sample_axis(rays))))
     scene = prepare_for_rays(motion, rays, replace(options, backend="array"), capacity)

@@ -47,6 +47,9 @@ def panes(layout: str, window: float, picture: float, split: float = 0.5) -> lis
         window: Aspect of the window, width / height.
         picture: Aspect of the pictures, width / height.
         split: In the split layout, the fraction of the width left of which the pinhole is shown.
+
+    Raises:
+        ValueError: there is no such layout.
     """
     if layout not in LAYOUTS:
         raise ValueError(f"the layout must be one of {', '.join(LAYOUTS)}, got {layout!r}.")

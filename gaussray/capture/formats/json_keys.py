@@ -137,7 +137,11 @@ class Keys:
         return self.vector(key, len(value) or 1) if isinstance(value, list) else self.vector(key, 1)
 
     def inside(self, key: str) -> Path:
-        """The path of a file in the folder of this one (`io.safe.files.inside`)."""
+        """The path of a file in the folder of this one (`io.safe.files.inside`).
+
+        Raises:
+            CaptureError: it names no file in the folder of the JSON file.
+        """
         try:
             return inside(self.file.parent, self.text(key), f"{self.where}: {self.prefix}{key}")
         except CaptureError:
@@ -178,6 +182,9 @@ class Keys:
 
         Sixteen numbers are four rows. A transposed matrix, and one times a number, are made right,
         with a warning for the first frame.
+
+        Raises:
+            CaptureError: it is no rigid matrix; the message says how to mend it.
         """
         rule = "a rigid 4x4 camera-to-world matrix"
         value = self._get(key, _ABSENT, rule)

@@ -75,6 +75,10 @@ def effect_files(folder: Path | str) -> dict[str, Path]:
     No part of the capture are JSON files without frames that have a picture and a pose (reports of
     other tools), malformed ones, and, beside transforms.json, those that are named after it
     (transforms_backup.json) and name no effect, which a warning tells.
+
+    Raises:
+        CaptureError: two files have one effect.
+        FileNotFoundError: the folder does not exist.
     """
     folder = Path(folder)
     if not folder.is_dir():

@@ -65,7 +65,11 @@ POINT_FILES = ("points3d.ply", "sparse_pc.ply")
 
 
 def frames_of(top: Keys) -> list[Keys]:
-    """The keys of each frame of a document, with those of the top level that it does not have."""
+    """The keys of each frame of a document, with those of the top level that it does not have.
+
+    Raises:
+        CaptureError: a frame is no block of keys.
+    """
     listed = top.values["frames"]
     _warn_unknown(top, listed)
     shared = {key: value for key, value in top.values.items() if key not in _TOP}
@@ -275,7 +279,12 @@ def _meant(key: str, present: Mapping[str, Any]) -> str:
 
 
 def read_document(path: Path) -> Keys:
-    """The top level of a JSON file, which must list at least one frame."""
+    """The top level of a JSON file, which must list at least one frame.
+
+    Raises:
+        CaptureError: the file is no JSON object with frames.
+        FileNotFoundError: the file does not exist.
+    """
     content = json_content(path)
     if not isinstance(content, dict):
         raise CaptureError(

@@ -84,7 +84,11 @@ def read_easymocap(intrinsics: Path, extrinsics: Path) -> list[KnownCamera]:
 
 
 def read_opencv_yaml(path: Path) -> dict[str, Any]:
-    """The values of a YAML file that cv::FileStorage has written; matrices are arrays."""
+    """The values of a YAML file that cv::FileStorage has written; matrices are arrays.
+
+    Raises:
+        PrepareError: the file is no YAML with keys.
+    """
     text = read_text(path).decode("utf-8-sig", "replace")
     # OpenCV's first line, %YAML:1.0, is no directive of YAML.
     lines = text.splitlines()

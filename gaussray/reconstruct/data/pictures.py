@@ -173,7 +173,11 @@ def _warn_of_masks(visible: int, frames: int, camera: Camera) -> None:
 
 
 def stacked(views: Sequence[View]) -> Camera:
-    """The cameras of training views, which must be of one kind."""
+    """The cameras of training views, which must be of one kind.
+
+    Raises:
+        CaptureError: there is no view, or the views differ in size, lens model, film or shutter.
+    """
     if not views:
         raise CaptureError(
             "capture.path holds no view of split 'train'. Mark some frames with "

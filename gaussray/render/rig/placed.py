@@ -207,7 +207,8 @@ def _near_position(
     if not len(place):
         return None
     offset = place - target
-    level = offset - np.outer(offset @ up, up) / (up @ up)
+    # `look_at` refuses an up of zero.
+    level = offset - np.outer(offset @ up, up) / ((up @ up) or 1.0)
     distance = np.linalg.norm(level, axis=1)
     chosen = int(np.argsort(distance)[len(distance) // 4])
     return place[chosen] if distance[chosen] > 1e-3 * np.linalg.norm(offset[chosen]) else None
@@ -215,7 +216,11 @@ def _near_position(
 
 def bounding_ball(scene: Scene | Clip) -> tuple[Float[np.ndarray, "3"], float]:
     """Middle of a scene at its first time, and the radius around it that holds four fifths of the
-    centres of its Gaussians."""
+    centres of its Gaussians.
+
+    Raises:
+        ValueError: the scene has no Gaussians.
+    """
     time = float(scene.time_range[0])
     part = segment_at(scene, time)
     mean = np.asarray(at(part, jnp.asarray(time, part.time_range.dtype)).mean, np.float64)

@@ -183,6 +183,9 @@ def gaussians_at(
 
     Returns:
         The Gaussians, and a text about their colours.
+
+    Raises:
+        ValueError: the degree is below the scene's, or above 3; or the scene moves and has no time.
     """
     check_color(color)
     instant = _export_time(scene, time)
