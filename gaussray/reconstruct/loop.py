@@ -191,7 +191,7 @@ def step_options(session: Session, stage: str) -> StepOptions:
         stage: coarse or fine.
     """
     options, refine = session.options, session.options.fit.refine
-    if session.later:
+    if session.is_continuation:
         refine = ()
     elif stage == "coarse" and len(session.times) > 1:
         refine = tuple(kind for kind in refine if kind in ("exposure", "color_matrix"))
@@ -202,7 +202,7 @@ def step_options(session: Session, stage: str) -> StepOptions:
         samples=options.fit.samples or rays_per_pixel(session.footage.camera),
         footprint=options.fit.footprint,
         refine=refine,
-        formed=session.later,
+        formed=session.is_continuation,
         degree_interval=options.fit.degree_interval,
         density=options.density,
         backdrop=session.backdrop,

@@ -125,7 +125,7 @@ def _clouds(
 
 def _by_pictures_alone(session: Session, moved: UnexplainedPixels | None) -> bool:
     """Whether the pictures tell what moves, and where what stands still is, before any fit."""
-    return moved is None and not session.later and session.initial_points.on_surfaces
+    return moved is None and not session.is_continuation and session.initial_points.on_surfaces
 
 
 def _control_points(
@@ -263,7 +263,7 @@ def _tracked(session: Session, moving: Gaussians, progress: RunProgress) -> Bodi
     on_surfaces = matched or (given and start != "random")
     if not (on_surfaces and session.has_videos):
         return _tracked_bodies(session, take_rows(moving, np.zeros(0, int)), progress.bodies)
-    if session.later:
+    if session.is_continuation:
         return _tracked_bodies(session, moving, progress.bodies)
     options = session.options
     return session.shared.once(

@@ -38,7 +38,7 @@ def passing_shadows(session: Session, static: Unconstrained) -> Shading | None:
         report = session.progress_report("shadows", patience=2.0)
         return measured_shading(session.footage, position[some], report=report)
 
-    if session.later:
+    if session.is_continuation:
         return found(_in_the_room(np.asarray(static.mean)[occupied(static)]))
     points = session.initial_points
     if not points.on_surfaces:

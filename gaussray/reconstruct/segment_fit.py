@@ -45,7 +45,7 @@ def fitted_state(
         progress: the stage that the state is in.
     """
     session.shared.once("detail", lambda: demand_detail(session.footage))
-    if not session.later:
+    if not session.is_continuation:
         session.shared.once("poses", lambda: warn_of_wrong_poses(session.footage))
     if state is None:
         state, progress = initial_state(session, progress)

@@ -74,7 +74,7 @@ class Session:
         held_out: the tiles that no step draws, None if there are none.
         loader: draws the tiles of each step.
         times: the times of the training pictures, sorted.
-        later: whether another segment comes before this one.
+        is_continuation: whether another segment comes before this one.
         still_first: whether Gaussians that stand still are fitted to the pictures of all times
             first, because only they tell what moves: transient Gaussians or control points shall
             show it, and fewer than two cameras stand still.
@@ -96,7 +96,7 @@ class Session:
         part = segment or Segment(views, capture.time_range)
         self.capture, self.log, self.options, self.quiet = capture, log, options, quiet
         self.name, self.time_range = part.name, part.time_range
-        self.later = part.time_range[0] > capture.time_range[0]
+        self.is_continuation = part.time_range[0] > capture.time_range[0]
         # Of a part alone, the usual exposure would be another than that of the next one.
         evened_out = options.fit.equalize and part.time_range == capture.time_range
         self.shared = shared or SharedResults()
@@ -149,7 +149,7 @@ class Session:
         first, last = float(times.min()), float(times.max())
         several = int(np.sum(times == times.min())) > 1
         if self.at_rest:
-            anchor = first if several or self.later else (first + last) / 2
+            anchor = first if several or self.is_continuation else (first + last) / 2
             return GrowingWindow(anchor, self.options.fit.window, _LEAST_TIMES, _GROWN)
         return GrowingWindow(first) if several and not self.still_first else None
 

@@ -117,7 +117,7 @@ def may_move(
     """
     told = on_surfaces and session.has_videos and not session.at_rest
     deforms = session.options.fit.deforms and not session.still_first
-    if len(session.times) == 1 or not (deforms or (told and not session.later)):
+    if len(session.times) == 1 or not (deforms or (told and not session.is_continuation)):
         return np.zeros(len(position), bool)
     changing = point_activity(session.footage, position) > session.options.fit.moving_threshold
     moves = np.array(agreed(changing))

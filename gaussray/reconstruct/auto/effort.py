@@ -18,7 +18,7 @@ from gaussray.capture.capture import Capture, View, viewpoints
 from gaussray.capture.picture_file import shown_size
 from gaussray.capture.selection import Selection, selected
 from gaussray.reconstruct.auto.machine import Machine
-from gaussray.reconstruct.auto.motion_trial import CAMERAS
+from gaussray.reconstruct.auto.motion_trial import ENOUGH_CAMERAS
 from gaussray.reconstruct.auto.presets import (
     body_preset,
     from_rest_preset,
@@ -141,7 +141,7 @@ def motions(capture: Capture, options: ReconstructOptions, machine: Machine) -> 
 
     Rigid bodies are found by cameras that stand still, on surface points: given ones, or, on a GPU,
     those of stereo. Whether stereo has found enough of them, only a trial tells that can spare a
-    camera (`motion_trial.CAMERAS`). A trial tells, too, whether they are better than
+    camera (`motion_trial.ENOUGH_CAMERAS`). A trial tells, too, whether they are better than
     transient Gaussians, which as many cameras help to follow surfaces (control points). On a CPU,
     bodies on stereo's points were worse, so it tries control points beside them instead. Where most
     times have a single picture, transient Gaussians suit a camera that moves along a path; one that
@@ -162,7 +162,7 @@ def motions(capture: Capture, options: ReconstructOptions, machine: Machine) -> 
     still = _still_cameras(views)
     if still >= 2:
         given, stereo = _given(capture, fit), fit.start in ("auto", "stereo")
-        followed = still >= CAMERAS and (given or stereo)
+        followed = still >= ENOUGH_CAMERAS and (given or stereo)
         soft = "control_points" if machine.gpu and followed else "transient"
         if given:
             return ("deformation", soft)
@@ -170,7 +170,7 @@ def motions(capture: Capture, options: ReconstructOptions, machine: Machine) -> 
             return (soft,)
         return (soft, "deformation" if machine.gpu else "control_points")
     _, at_once = np.unique([view.time for view in views], return_counts=True)
-    many = 2 * int(np.sum(at_once >= CAMERAS)) > len(at_once)
+    many = 2 * int(np.sum(at_once >= ENOUGH_CAMERAS)) > len(at_once)
     return ("control_points",) if many and machine.gpu else ("transient",)
 
 

@@ -26,7 +26,7 @@ from gaussray.runtime.side_by_side import run_side_by_side
 
 
 # Cameras from which on one of them is held out at each time, so many of them in turn.
-CAMERAS, _IN_TURN = 5, 4
+ENOUGH_CAMERAS, _IN_TURN = 5, 4
 # Of fewer cameras, squares of so many pixels are held out, one of so many.
 _SQUARE, _OF = 32, 4
 
@@ -42,7 +42,7 @@ def motion_tiles(footage: Footage, share: float, seed: int) -> Bool[np.ndarray, 
     """
     names = np.unique(footage.name)
     held = np.zeros(footage.pixel.shape[:2], bool)
-    if len(names) >= CAMERAS:
+    if len(names) >= ENOUGH_CAMERAS:
         chosen = [names[int((k + 0.5) * len(names) / _IN_TURN)] for k in range(_IN_TURN)]
         _, time = np.unique(footage.times, return_inverse=True)
         held[footage.name == np.array(chosen)[time % _IN_TURN]] = True
