@@ -14,7 +14,7 @@ from gaussray.camera.chromatic import reference_pixel
 from gaussray.camera.film import Film, sample_offset
 from gaussray.camera.lens import AbstractLens
 from gaussray.camera.rays import Rays
-from gaussray.camera.shutter import Shutter, sample_time
+from gaussray.camera.shutter import Shutter, row_count, sample_time
 from gaussray.camera.trajectory import Trajectory, pose_at
 from gaussray.io.plain_values import number, optional, readable, to_device, vector
 from gaussray.io.validate import check_kind, require
@@ -72,6 +72,13 @@ class Camera(eqx.Module):
         rule = "a gaussray.Trajectory, such as gaussray.look_at(eye)"
         check_kind("camera.trajectory", self.trajectory, Trajectory, rule)
         require("camera.time", self.time, np.isfinite, "finite")
+        table = self.shutter.row_times
+        rows = row_count(self.shutter.direction, (self.film.width, self.film.height))
+        if getattr(table, "shape", ()) and table.shape[-1] < rows:
+            raise ValueError(
+                f"shutter.row_times must have one time for each of the {rows} rows (columns, if it "
+                f"reads sideways), got {table.shape[-1]}."
+            )
         if self.chromatic is not None:
             rule = "above 0"
             require("chromatic", self.chromatic, lambda m: np.isfinite(m) & (m > 0), rule)

@@ -88,7 +88,7 @@ def to_array(key: str, value: Any, rule: str, shape: tuple[int | None, ...]) -> 
     Args:
         key: The name of the value in messages.
         value: Numbers or nested lists of numbers, which must have the `shape`; or an array, which
-            keeps its shape and precision (whole numbers become floats).
+            must end in it, and keeps its leading axes and precision (whole numbers become floats).
         rule: What the value must be, for the message.
         shape: The lengths of the axes, None where any length is allowed.
 
@@ -99,6 +99,8 @@ def to_array(key: str, value: Any, rule: str, shape: tuple[int | None, ...]) -> 
         ValueError: The value is no number or has another shape.
     """
     if _is_array(value):
+        if not _ends_in(value.shape, shape):
+            raise ValueError(f"{key} must be {rule}, got an array of shape {tuple(value.shape)}.")
         if not isinstance(value, jax.Array | np.ndarray | np.generic):
             return value
         whole = not jnp.issubdtype(value.dtype, jnp.inexact)
@@ -122,6 +124,13 @@ def to_array(key: str, value: Any, rule: str, shape: tuple[int | None, ...]) -> 
         return array
     with jax.ensure_compile_time_eval():
         return to_device(array, jnp.result_type(float))
+
+
+def _ends_in(found: tuple[int, ...], wanted: tuple[int | None, ...]) -> bool:
+    """Whether the last axes of an array have the lengths that are wanted. Axes before them are
+    those of a stack; within `vmap`, a single one lacks the axis of a list."""
+    fixed = [length for length in wanted if length is not None]
+    return len(found) >= len(fixed) and list(found[len(found) - len(fixed) :]) == fixed
 
 
 def readable(module: Any) -> str:

@@ -10,6 +10,7 @@ from jaxtyping import Float, UInt8
 from gaussray.capture.formats.poses import opengl_pose
 from gaussray.capture.world_origin import MAP_COORDINATE
 from gaussray.io.atomic import whole
+from gaussray.prepare.masks import written_mask
 from gaussray.prepare.poses import Placement
 from gaussray.prepare.timeline import Timeline
 
@@ -54,6 +55,9 @@ def capture_document(
                 "transform_matrix": matrix,
                 **model.lenses[k],
             }
+            mask = written_mask(files[picture.camera][i], out)
+            if mask.is_file():
+                frame["mask_path"] = mask.relative_to(out).as_posix()
             if not timeline.is_static:
                 frame |= {"camera": picture.camera, "time": round(float(timeline.times[i]), 6)}
                 frame |= _shutter(float(timeline.shifts[picture.camera][i]), readout)

@@ -52,6 +52,7 @@ def extract_features(
     folder: Path,
     groups: Sequence[Sequence[MatchingPicture]],
     options: PosesOptions,
+    masks: Path | None = None,
 ) -> None:
     """Find the features of all pictures; the pictures of a group share their intrinsics.
 
@@ -63,6 +64,8 @@ def extract_features(
         folder: folder below which the pictures' files lie.
         groups: pictures that share intrinsics, all of one size.
         options: lens model, rough field of view, and most features of a picture.
+        masks: folder of masks, named as the pictures and `.png`; features in their black pixels are
+            left out. None: all count.
     """
     colmap = pycolmap()
     colmap.Database.open(database).close()
@@ -74,6 +77,8 @@ def extract_features(
         reader.camera_model = MODEL_OF_CHOICE[options.model]
         factor = start_focal(options.model, options.fov, *group[0].size)
         reader.default_focal_length_factor = factor
+        if masks is not None:
+            reader.mask_path = masks
         files, mode = [picture.file for picture in group], colmap.CameraMode.SINGLE
         colmap.import_images(database, folder, mode, files, reader)
         for first in range(0, len(files), _PICTURES):

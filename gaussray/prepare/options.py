@@ -79,6 +79,8 @@ class PosesOptions(eqx.Module):
         fov: Rough horizontal field of view in degrees to start from; 0 is unknown.
         rig: Whether the cameras stand `still` or are `moving`; `auto` looks at the pictures.
         features: Most SIFT features of a picture.
+        masks: Whether features are sought where masks are white alone: of an object that turns
+            before a background that stands still.
         seed: Seed of the random samples.
     """
 
@@ -88,6 +90,7 @@ class PosesOptions(eqx.Module):
     fov: float = eqx.field(static=True, default=0.0)
     rig: str = eqx.field(static=True, default="auto")
     features: int = eqx.field(static=True, default=8192)
+    masks: bool = eqx.field(static=True, default=False)
     seed: int = eqx.field(static=True, default=0)
 
     def __check_init__(self):

@@ -17,6 +17,7 @@ from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.exposure import exposure_gains, observed_levels, point_levels
 from gaussray.prepare.facts import facts_of
 from gaussray.prepare.findings import Finding
+from gaussray.prepare.masks import copy_masks
 from gaussray.prepare.media import copy_media
 from gaussray.prepare.options import PrepareOptions
 from gaussray.prepare.poses import Placement, find_poses
@@ -66,6 +67,7 @@ def prepare_capture(
     # Pictures are about to be replaced: the poses of an earlier run must not stay beside them.
     (out / PINHOLE_FILE).unlink(missing_ok=True)
     files = copy_media(sources, timeline, out)
+    copy_masks(sources, timeline, files, out)
     out.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=out, prefix=".prepare") as work, quiet_colmap():
         placement = find_poses(sources, timeline, files, known, Path(work), options)

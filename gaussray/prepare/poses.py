@@ -12,6 +12,7 @@ from gaussray.prepare.calibrations.known_camera import KnownCamera
 from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.features import Keypoints, MatchingPicture
 from gaussray.prepare.mapping import estimate_poses, triangulate, verify
+from gaussray.prepare.masks import MATCHING_MASKS, write_matching_masks
 from gaussray.prepare.media import write_matching_pictures
 from gaussray.prepare.options import PrepareOptions
 from gaussray.prepare.sources import Source
@@ -125,6 +126,10 @@ def _write_pictures(
         chosen = few if source.name in still else range(last + 1)
         sizes = [source.size(int(timeline.frames[source.name][i])) for i in chosen]
         names = write_matching_pictures(files[source.name], chosen, work / f"{k:03d}", sizes)
+        if options.poses.masks:
+            write_matching_masks(
+                files[source.name], chosen, work / MATCHING_MASKS / f"{k:03d}", names
+            )
         for name, i, size in zip(names, chosen, sizes, strict=True):
             pictures.append(MatchingPicture(f"{k:03d}/{name}", source.name, i, size))
     return pictures
@@ -147,7 +152,10 @@ def _extract(
             f"poses.intrinsics must be own or auto for pictures of several sizes, got shared and "
             f"{sizes}."
         )
-    features.extract_features(database, work, list(groups.values()), options.poses)
+    masks = work / MATCHING_MASKS
+    features.extract_features(
+        database, work, list(groups.values()), options.poses, masks if masks.is_dir() else None
+    )
     if known is not None:
         lenses = {name: camera.lens for name, camera in known.items()}
         features.set_lenses(database, lenses, {p.file: p.camera for p in written})

@@ -172,8 +172,8 @@ def _without_other_maps(folders: list[Path], *, alone: bool) -> list[Path]:
         return folders
     names = ", ".join(path.name for path in other[:_NAMED])
     warnings.warn(
-        f"videos={other[0].parent}: {names}: by the name no pictures of a camera, so left out. "
-        "Rename what is a camera.",
+        f"videos={other[0].parent}: {names}: by the name no pictures of a camera (masks that are "
+        "named as the pictures count as masks). Rename what is a camera.",
         CaptureWarning,
         stacklevel=3,
     )

@@ -14,6 +14,7 @@ from gaussray.render.compiled import ProgramSettings, part_values
 from gaussray.render.frame_times import frame_span
 from gaussray.render.options import RenderOptions
 from gaussray.render.plan import (
+    NumbersNeeded,
     Plan,
     PlanCache,
     check_renderable,
@@ -38,9 +39,10 @@ class Picture(eqx.Module):
         color: Linear light; 1 is white.
         alpha: Coverage, 1 - transmittance.
         depth: Mean distance along the ray of what is seen, in scene units.
-        dropped: List entries that were dropped: 0 if the picture is complete. Otherwise the plan
-            was too small: use `plan.enlarged(picture.needed)`.
-        needed: List sizes that the picture needs, in the order of `Capacity`.
+        dropped: List entries that were dropped, and key states that were missing: 0 if the picture
+            is complete. Otherwise the plan was too small: use `plan.enlarged(picture.needed)`.
+        needed: List sizes that the picture needs, in the order of `Capacity`, and its number of key
+            states (`RenderOptions.keys`).
     """
 
     color: Float[Array, "*pixels 3"]
@@ -75,7 +77,8 @@ def render(
     the transmittance in front, and a finite difference of the whole picture counts these jumps.
     In a scene of many large opaque Gaussians that may be half of the derivative by the focal
     length; where surfaces are thin it is little. With the order held fixed, finite differences
-    agree to rounding (`tests/render/test_picture.py`).
+    agree to rounding (`tests/render/test_picture.py`), but for what a deformation field holds:
+    where it is read, and the normals that light on surfaces follows (docs/differentiable.md).
 
     Args:
         scene: The scene; of a clip, one of its segments.
@@ -132,8 +135,8 @@ _plans = PlanCache()
 
 
 def _with_plan(draw, scene, camera, key, options, trace) -> Picture:
-    """A picture with list sizes that are long enough, if the arguments are numbers; otherwise with
-    those of the last picture of such arguments."""
+    """A picture with list sizes and key states that are enough, if the arguments are numbers;
+    otherwise with those of the last picture of such arguments."""
     options, trace = options or RenderOptions(), trace or TraceOptions()
     check_renderable(scene, options)
     shapes = plan_key(scene, camera, options, trace)
@@ -141,8 +144,8 @@ def _with_plan(draw, scene, camera, key, options, trace) -> Picture:
     try:
         if plan is None:
             plan = measured_plan(scene, camera, options=options, trace=trace)
-    except ValueError as error:
-        raise ValueError(
+    except NumbersNeeded as error:
+        raise NumbersNeeded(
             f"{error} Give the plan to the picture, gaussray.render(..., plan=plan), or render one "
             "of numbers before."
         ) from None
@@ -171,7 +174,8 @@ def _camera_picture(scene: Scene, camera: Camera, key: Array | None, plan: Plan)
     u = sobol_samples(count) if key is None else random_samples(count, key)
     u = u.astype(part.pixel.dtype)
     settings = ProgramSettings(plan.capacity, plan.keys, plan.options, plan.trace, None)
-    key_time = picture_key_times(scene, frame_span(camera, part), plan.keys)
+    span = frame_span(camera, part)
+    key_time = picture_key_times(scene, span, plan.keys)
 
     def strip_values(top):
         return part_values(scene, camera, u, shift_part(part, top), settings, key_time)
@@ -188,14 +192,17 @@ def _camera_picture(scene: Scene, camera: Camera, key: Array | None, plan: Plan)
         for top, piece in zip(tops, parts, strict=True):
             values = values.at[top : top + plan.rows].set(piece)
     needed = report.needed.reshape(-1, report.needed.shape[-1]).max(axis=0)
-    dropped = jnp.sum(report.dropped)
+    keys, missing = plan.missing_keys(scene, span)
+    dropped, needed = jnp.sum(report.dropped) + missing, jnp.append(needed, keys)
     return Picture(values[..., :3], values[..., 3], values[..., 4], dropped, needed)
 
 
 @eqx.filter_jit
 def _ray_picture(scene: Scene, rays: Rays, key: None, plan: Plan) -> Picture:
     shape, rays = rays.time.shape, flat_rays(rays)
-    motion = picture_motion(scene, time_span(rays), plan.keys)
+    span = time_span(rays)
+    motion = picture_motion(scene, span, plan.keys)
+    keys, missing = plan.missing_keys(scene, span)
     order = coherent_order(rays)
     ordered = jax.tree.map(lambda x: x[order], rays)
     pixels, report = trace_rays(motion, ordered, options=plan.trace, capacity=plan.capacity)
@@ -208,6 +215,6 @@ def _ray_picture(scene: Scene, rays: Rays, key: None, plan: Plan) -> Picture:
         color.reshape(*shape, 3),
         alpha.reshape(shape),
         depth.reshape(shape),
-        report.dropped,
-        report.needed,
+        report.dropped + missing,
+        jnp.append(report.needed, keys),
     )

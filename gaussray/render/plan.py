@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from gaussray.camera.camera import Camera
 from gaussray.camera.rays import Rays
@@ -20,7 +20,7 @@ from gaussray.io.validate import check_kind
 from gaussray.render.compiled import ProgramSettings, prepare_trace
 from gaussray.render.options import RenderOptions
 from gaussray.render.parts import Part, strip_part, strip_plan, whole_picture
-from gaussray.scene.scene import Scene, key_count
+from gaussray.scene.scene import Scene, key_count, key_count_of
 from gaussray.scene.segmented import SCENE_RULE, Clip
 from gaussray.tracer.motion import Motion, key_times_across, scene_motion
 from gaussray.tracer.options import TraceOptions
@@ -35,6 +35,10 @@ HEADROOM = 1.5
 LEAST_SPAN = 1e-2
 # Plans that are kept for pictures that are traced without one.
 _MOST_PLANS = 64
+
+
+class NumbersNeeded(ValueError):
+    """A plan was asked for with traced arguments."""
 
 
 class Plan(eqx.Module):
@@ -55,10 +59,26 @@ class Plan(eqx.Module):
     trace: TraceOptions
 
     def enlarged(self, needed: Array) -> "Plan":
-        """The plan with list sizes for a picture that needed more (`Picture.needed`)."""
-        sizes = [int(n) for n in np.asarray(needed)]
+        """The plan with list sizes and key states for a picture that needed more
+        (`Picture.needed`)."""
+        *sizes, keys = (int(n) for n in np.asarray(needed))
         capacity = enlarged_capacity(self.capacity, sizes, headroom=HEADROOM)
-        return dataclasses.replace(self, capacity=capacity)
+        return dataclasses.replace(self, capacity=capacity, keys=max(self.keys, keys))
+
+    def missing_keys(
+        self, scene: Scene, span: Float[Array, "2"]
+    ) -> tuple[Int[Array, ""], Int[Array, ""]]:
+        """The number of key states that a picture of these times needs, and how many of them the
+        plan has not. With `RenderOptions.keys` it needs no more than these.
+
+        Args:
+            scene: The scene.
+            span: First and last time of the picture's rays.
+        """
+        if self.options.keys:
+            return jnp.full((), self.keys), jnp.zeros((), jnp.int32)
+        wanted = key_count_of(scene, jax.lax.stop_gradient(span[1] - span[0]))
+        return wanted, jnp.maximum(wanted - self.keys, 0)
 
     def part(self, camera: Camera) -> Part:
         """The first rows of a picture, as many as are traced at once, in the precision of the
@@ -81,8 +101,8 @@ def plan(
 ) -> Plan:
     """Measure the static sizes of `render` (for a camera) or `render_rays` (for rays).
 
-    Other scenes, cameras and rays may need 1.5 times as much; a picture that needs more reports it
-    (`Picture.dropped`).
+    Other scenes, cameras and rays may need 1.5 times as much, and last no longer; a picture that
+    needs more reports it (`Picture.dropped`).
 
     Args:
         scene: The scene; a clip's segments are scenes.
@@ -99,7 +119,7 @@ def plan(
     check_renderable(scene, options)
     scene, camera = jax.tree.map(jax.lax.stop_gradient, (scene, camera))
     if any(isinstance(x, Tracer) for x in jax.tree.leaves((scene, camera))):
-        raise ValueError(
+        raise NumbersNeeded(
             "gaussray.plan needs the numbers of a scene and a camera: call it outside of jit and "
             "vmap."
         )

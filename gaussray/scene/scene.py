@@ -6,7 +6,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from gaussray.geometry import inlined
 from gaussray.io.plain_values import readable, value_text, vector
@@ -17,6 +17,11 @@ from gaussray.scene.light import Light
 from gaussray.scene.residual_field import ResidualField
 from gaussray.scene.shading import Shading
 from gaussray.scene.transient import Transients, transients_at
+
+
+# Of an interval between timestamps: rounding of single precision must not cost an arc of key
+# states; times that differ by less are one.
+_ARC_ROUNDING, _ONE_TIME = 1e-3, 1e-6
 
 
 class Scene(eqx.Module):
@@ -149,9 +154,26 @@ def key_count(scene: Scene, span: float) -> int:
     instants = np.asarray(scene.deformation.instants)
     if len(instants) < 2:
         return 3
-    # Rounding of single precision must not cost an arc.
-    intervals = math.ceil(span / float(np.median(np.diff(instants))) - 1e-3)
+    intervals = math.ceil(span / float(np.median(np.diff(instants))) - _ARC_ROUNDING)
     return 2 * min(max(intervals, 1), len(instants) - 1) + 1
+
+
+def key_count_of(scene: Scene, span: Float[Array, ""]) -> Int[Array, ""]:
+    """`key_count` of a frame whose duration is known in a program alone; 1 for one without.
+
+    Args:
+        scene: The scene.
+        span: Time from the first to the last ray of the frame, in the capture's unit.
+    """
+    if scene.deformation is None:
+        return jnp.ones((), jnp.int32)
+    instants = scene.deformation.instants
+    if len(instants) < 2:
+        return jnp.where(span > 0, 3, 1)
+    share = span / jnp.median(jnp.diff(instants))
+    intervals = jnp.clip(jnp.ceil(share - _ARC_ROUNDING), 1, len(instants) - 1)
+    # Times that differ by rounding alone are one.
+    return jnp.where(share > _ONE_TIME, 2 * intervals + 1, 1).astype(jnp.int32)
 
 
 def _state(gaussians: Gaussians) -> tuple[Array, Array, Array, Array | None]:

@@ -152,3 +152,27 @@ def test_a_tree_of_shapes_can_be_printed():
     for tree in (scene, scene.static, read_capture(sample("capture")).views[0].camera):
         assert repr(jax.tree.map(jnp.shape, tree)).startswith(f"{type(tree).__name__}(")
         assert repr(jax.tree.map(lambda x: None, tree)).startswith(f"{type(tree).__name__}(")
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda: gaussray.KannalaBrandt(9, (5, 5), np.zeros(3), 1.2), r"lens\.k must be 4 numbers"),
+        (lambda: gaussray.KannalaBrandt(9, (5, 5), jnp.zeros(5), 1.2), r"lens\.k must be 4"),
+        (lambda: gaussray.Pinhole(np.ones(3), (5, 5)), r"lens\.focal must be 2 numbers"),
+        (lambda: gaussray.Pinhole(9, np.ones(3)), r"lens\.center must be 2 numbers"),
+        (lambda: gaussray.look_at(np.array([0.0, 4])), r"camera\.eye must be 3 numbers"),
+        (
+            lambda: gaussray.Gaussians.colored(np.zeros((2, 2)), [1, 0, 0]),
+            r"of shape \(2, 2\)",
+        ),
+    ],
+)
+def test_an_array_of_another_length_is_refused(make, says):
+    with pytest.raises(ValueError, match=says):
+        make()
+
+
+def test_arrays_may_be_stacked():
+    stacked = gaussray.Pinhole(np.ones((7, 2)), np.ones((7, 2)))
+    assert stacked.focal.shape == (7, 2)

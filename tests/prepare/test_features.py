@@ -58,3 +58,18 @@ def test_pictures_are_numbered_in_their_order_and_not_in_that_of_threads(tmp_pat
     with pycolmap().Database.open(database) as db:
         numbers = {image.name: image.image_id for image in db.read_all_images()}
     assert sorted(numbers, key=numbers.__getitem__) == [one.file for one in pictures]
+
+
+def test_features_lie_where_masks_are_white(tmp_path, painted):
+    level = picture(arc(3)[1], painted)
+    pictures, database = written(tmp_path, [level, level]), tmp_path / "features.db"
+    mask = np.zeros_like(level)
+    mask[:, : SIZE[0] // 2] = 255
+    write_image(tmp_path / "masks/000/0001.png.png", mask)
+    with quiet_colmap():
+        features.extract_features(database, tmp_path, [pictures], OPTIONS, tmp_path / "masks")
+        keypoints = features.read_keypoints(database, pictures)
+    whole, half = (keypoints[one.file].xy[:, 0] for one in pictures)
+    assert whole.max() > SIZE[0] / 2 + 20
+    # Positions are refined after the mask has been looked at.
+    assert len(half) > 50 and half.max() < SIZE[0] / 2 + 2

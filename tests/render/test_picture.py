@@ -208,6 +208,35 @@ def test_a_plan_that_is_too_small_says_so_and_can_be_enlarged(dense):
         gaussray.render(scene, camera, plan=plan, options=OPTIONS)
 
 
+# Rays between key states of the toy scene, whose motion is smooth, in double precision.
+BETWEEN_KEYS = 2e-3
+
+
+@pytest.mark.ci
+def test_a_picture_does_not_depend_on_those_before_it():
+    """Key states follow from the times of a picture, not from those of one of the same shapes."""
+    scene, options = moving_scene(), gaussray.RenderOptions(samples=1)
+    camera = every_effect()
+    still = dataclasses.replace(camera, shutter=double(gaussray.rolling_shutter(0.0, rows=8)))
+    rolling = dataclasses.replace(camera, shutter=double(gaussray.rolling_shutter(0.9, rows=8)))
+    first = gaussray.plan(scene, still, options=options, trace=TRACE)
+    longer = gaussray.plan(scene, rolling, options=options, trace=TRACE)
+    assert first.keys == 1 and longer.keys > 1
+    right = gaussray.render(scene, rolling, plan=longer)
+    gaussray.render(scene, still, options=options, trace=TRACE)
+    again = gaussray.render(scene, rolling, options=options, trace=TRACE)
+    np.testing.assert_allclose(again.color, right.color, atol=EXACT)
+    # With the plan of a still one, it is told, inside jit as well.
+    cut = jax.jit(lambda c: gaussray.render(scene, c, plan=first))(rolling)
+    assert int(cut.dropped) >= longer.keys - 1 and int(cut.needed[-1]) == longer.keys
+    assert np.abs(cut.color - right.color).max() > BETWEEN_KEYS
+    plan, picture = first, cut
+    while int(picture.dropped):
+        plan = plan.enlarged(picture.needed)
+        picture = gaussray.render(scene, rolling, plan=plan)
+    np.testing.assert_allclose(picture.color, right.color, atol=EXACT)
+
+
 def test_a_picture_in_strips_is_the_picture(dense):
     scene, camera, plan = dense
     strips = dataclasses.replace(plan, rows=8, capacity=dataclasses.replace(plan.capacity))

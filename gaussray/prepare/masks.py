@@ -1,0 +1,129 @@
+"""Masks of photographs: which file beside the pictures it is, and where it goes in a capture."""
+
+import shutil
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import UInt8
+
+from gaussray.capture.errors import CaptureWarning
+from gaussray.capture.orientation import stored_orientation, upright_pixels
+from gaussray.capture.picture_file import open_image, picture_size, read_levels
+from gaussray.dataset.images import write_image
+from gaussray.prepare.photographs import HEIC_SUFFIXES
+from gaussray.prepare.sources import Source
+from gaussray.prepare.timeline import Timeline
+from gaussray.runtime.progress import say
+
+
+# Folder of the masks for COLMAP, beside the pictures for it.
+MATCHING_MASKS = "masks"
+_FOLDERS = ("masks", "mask")
+_SUFFIXES = (".png", ".PNG", ".jpg", ".JPG", ".jpeg")
+
+
+def copy_masks(
+    sources: Sequence[Source], timeline: Timeline, files: dict[str, list[Path]], out: Path
+) -> None:
+    """Put the masks of photographs into a capture, as `masks/CAMERA/a.jpg.png` of
+    `images/CAMERA/a.jpg`, upright as the pictures are; white pixels count.
+
+    A line says how many pictures have one, a warning how many masks have another size than their
+    picture, which are left out.
+
+    Args:
+        sources: the cameras.
+        timeline: the frames that are used.
+        files: for each camera the copied picture of each timestamp.
+        out: the capture's folder.
+    """
+    found, wrong, count = 0, [], 0
+    for source in sources:
+        for i, copy in zip(timeline.frames[source.name], files[source.name], strict=True):
+            if source.is_video:
+                continue
+            target = written_mask(copy, out)
+            mask = mask_of(source.pictures[i], alone=len(sources) == 1)
+            levels = None if mask is None else _levels(mask, source.pictures[i], copy)
+            count += 1
+            if levels is not None:
+                write_image(target, levels)
+                found += 1
+                continue
+            # Of an earlier run.
+            target.unlink(missing_ok=True)
+            wrong += [] if mask is None else [mask]
+    if found:
+        say(f"{found} of {count} pictures have a mask, whose white pixels count in the fit.")
+    if wrong:
+        warnings.warn(
+            f"{len(wrong)} masks, first {wrong[0]}, have another size than their picture, and are "
+            "left out. Write them as large as the pictures.",
+            CaptureWarning,
+            stacklevel=2,
+        )
+
+
+def written_mask(copy: Path, out: Path) -> Path:
+    """Where the mask of a copied picture is, if it has one.
+
+    Args:
+        copy: a file in the capture's `images/`.
+        out: the capture's folder.
+    """
+    inner = copy.relative_to(out / "images") if copy.is_relative_to(out / "images") else copy.name
+    return out / "masks" / f"{inner}.png"
+
+
+def write_matching_masks(
+    files: Sequence[Path], index: Sequence[int], folder: Path, names: Sequence[str]
+) -> None:
+    """Copy the masks of one camera's pictures for COLMAP, as `0003.jpg.png` of `0003.jpg`.
+
+    Args:
+        files: the camera's file at each timestamp, in a capture.
+        index: timestamps whose pictures are written (`write_matching_pictures`).
+        folder: folder of the masks; made if any picture has one.
+        names: names of the pictures' files.
+    """
+    for i, name in zip(index, names, strict=True):
+        mask = written_mask(files[i], files[i].parents[2])
+        if mask.is_file():
+            folder.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(mask, folder / f"{name}.png")
+
+
+def mask_of(picture: Path, *, alone: bool) -> Path | None:
+    """The mask of a picture, by its name; None if there is none.
+
+    That of `images/a.jpg` is `masks/a.png`, `masks/a.jpg.png` or `masks/a.jpg`, beside the folder
+    of the pictures; that of `cam01/a.jpg` is in `masks/cam01/`, beside the camera's folder or one
+    further up. `mask/` serves as well as `masks/`.
+
+    Args:
+        picture: a photograph.
+        alone: whether there is one camera; masks without a folder of a camera are not those of one
+            of several.
+    """
+    camera = picture.parent
+    homes = [camera.parent / name / camera.name for name in _FOLDERS]
+    homes += [camera.parent.parent / name / camera.name for name in _FOLDERS]
+    homes += [camera.parent / name for name in _FOLDERS if alone]
+    names = [f"{picture.name}.png", *(f"{picture.stem}{suffix}" for suffix in _SUFFIXES)]
+    paths = (home / name for home in homes if home != camera for name in names)
+    return next((path for path in paths if path.is_file()), None)
+
+
+def _levels(mask: Path, picture: Path, copy: Path) -> UInt8[np.ndarray, "h w 3"] | None:
+    """A mask upright, black and white; None if it has another size than its picture."""
+    width, height = picture_size(mask)
+    levels, wanted = read_levels(mask, width, height), picture_size(copy)
+    if (width, height) != wanted and picture.suffix.lower() not in HEIC_SUFFIXES:
+        # It may lie as the file of the picture does, which EXIF turns.
+        levels = upright_pixels(levels, stored_orientation(open_image(picture).spec()))
+    if levels.shape[1::-1] != wanted:
+        return None
+    white = levels.max(axis=-1, keepdims=True) >= 128
+    return np.broadcast_to(np.where(white, 255, 0).astype(np.uint8), levels.shape)

@@ -1,0 +1,115 @@
+"""Masks of photographs: found by their names, upright, in the capture and for COLMAP."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from gaussray.capture.errors import CaptureWarning
+from gaussray.capture.frames import visible_pixels
+from gaussray.capture.open import open_capture
+from gaussray.dataset.images import write_image
+from gaussray.prepare.masks import copy_masks, mask_of, written_mask
+from gaussray.prepare.media import copy_media
+from gaussray.prepare.options import FramesOptions, SyncOptions
+from gaussray.prepare.sources import find_sources
+from gaussray.prepare.sync import synchronise
+from gaussray.prepare.timeline import common_timeline
+
+
+BLACK = np.zeros((32, 48, 3), np.uint8)
+# EXIF: the top of the scene is at the right of the file.
+ACROSS = 6
+
+
+def half_white(shape=BLACK.shape):
+    mask = np.zeros(shape, np.uint8)
+    mask[: shape[0] // 2] = 255
+    return mask
+
+
+def copied(folder, out):
+    """What `prepare` does with an input folder before it looks for poses."""
+    sources = find_sources(folder)
+    timeline = common_timeline(sources, synchronise(sources, SyncOptions()), FramesOptions())
+    files = copy_media(sources, timeline, out)
+    copy_masks(sources, timeline, files, out)
+    return [path for name in files for path in files[name]]
+
+
+@pytest.mark.parametrize(
+    ("picture", "mask", "alone"),
+    [
+        ("images/a.jpg", "masks/a.png", True),
+        ("images/a.jpg", "masks/a.jpg.png", True),
+        ("images/a.JPG", "mask/a.jpg", True),
+        ("cam1/a.png", "masks/cam1/a.png", False),
+        ("images/cam1/a.png", "masks/cam1/a.jpeg", False),
+    ],
+)
+def test_the_name_of_a_picture_is_that_of_its_mask(tmp_path, picture, mask, alone):
+    (tmp_path / mask).parent.mkdir(parents=True)
+    (tmp_path / mask).touch()
+    assert mask_of(tmp_path / picture, alone=alone) == tmp_path / mask
+
+
+def test_a_mask_without_a_camera_is_that_of_none_of_several(tmp_path):
+    (tmp_path / "masks").mkdir()
+    (tmp_path / "masks/a.png").touch()
+    assert mask_of(tmp_path / "cam1/a.png", alone=False) is None
+
+
+@pytest.mark.filterwarnings("ignore:.*by the name no pictures")
+def test_masks_are_written_beside_the_pictures_as_they_stand(tmp_path, capsys):
+    folder, out = tmp_path / "in", tmp_path / "out"
+    write_image(folder / "images/a.png", BLACK)
+    write_image(folder / "images/b.png", BLACK)
+    write_image(folder / "masks/a.png", half_white())
+    turned = Image.fromarray(BLACK)
+    exif = turned.getexif()
+    exif[0x0112] = ACROSS
+    turned.save(folder / "images/c.jpg", exif=exif)
+    # As the file lies, whose upper half is then the right one.
+    Image.fromarray(half_white()).save(folder / "masks/c.jpg")
+    pictures = copied(folder, out)
+    assert "2 of 3 pictures have a mask" in capsys.readouterr().out
+    masks = [written_mask(path, out) for path in pictures]
+    assert [mask.is_file() for mask in masks] == [True, False, True]
+    across = np.asarray(Image.open(masks[2]))[..., 0]
+    assert across.shape == (48, 32) and not across[:, :15].any() and across[:, 17:].all()
+    # The same input without masks leaves none of them.
+    for path in (folder / "masks").iterdir():
+        path.unlink()
+    copied(folder, out)
+    assert not any(mask.exists() for mask in masks)
+
+
+@pytest.mark.filterwarnings("ignore:.*by the name no pictures")
+def test_a_mask_of_another_size_is_told(tmp_path):
+    write_image(tmp_path / "in/images/a.png", BLACK)
+    write_image(tmp_path / "in/masks/a.png", half_white((16, 16, 3)))
+    with pytest.warns(CaptureWarning, match="1 masks, first .*a.png, have another size"):
+        copied(tmp_path / "in", tmp_path / "out")
+
+
+@pytest.mark.filterwarnings("ignore:.*by the name no pictures", "ignore:.*taken as static")
+def test_the_capture_names_its_masks(tmp_path, painted):
+    pytest.importorskip("pycolmap")
+    from quads import arc, picture
+
+    from gaussray.prepare.options import PosesOptions, PrepareOptions
+    from gaussray.prepare.pipeline import prepare_capture
+
+    for k, camera in enumerate(arc(8)):
+        level = picture(camera, painted)
+        write_image(tmp_path / f"in/images/{k}.png", level)
+        mask = np.full_like(level, 255)
+        mask[:, : level.shape[1] // 4] = 0
+        write_image(tmp_path / f"in/masks/{k}.png", mask)
+    options = PrepareOptions(poses=PosesOptions(model="pinhole", masks=True))
+    facts = prepare_capture(tmp_path / "in", tmp_path / "out", options=options)
+    views = open_capture(tmp_path / "out").views
+    assert len(views) == 8 and facts
+    for view in views:
+        shown = visible_pixels(view)
+        quarter = shown.shape[1] // 4
+        assert not shown[:, :quarter].any() and shown[:, quarter:].all()
