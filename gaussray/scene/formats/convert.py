@@ -1,5 +1,6 @@
 """Imports models of other programs as scenes, and exports scenes as files of other programs."""
 
+import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -185,7 +186,8 @@ def gaussians_at(
         The Gaussians, and a text about their colours.
 
     Raises:
-        ValueError: the degree is below the scene's, or above 3; or the scene moves and has no time.
+        ValueError: the degree is below the scene's, or above 3; there are no Gaussians; or the
+            scene moves and has no time.
     """
     check_color(color)
     instant = _export_time(scene, time)
@@ -193,6 +195,12 @@ def gaussians_at(
     gaussians = fold_tint(at(scene, jnp.asarray(instant, scene.time_range.dtype)))
     if transient_count(scene):
         gaussians = _drop_faint(gaussians, scene.static.count + scene.moving.count)
+    if not gaussians.count:
+        raise ValueError("scene must have Gaussians at this time to be exported, got none.")
+    # As the tracer has it: a quaternion of zeros is no rotation.
+    none = jnp.all(gaussians.quat == 0, axis=1, keepdims=True)
+    quat = jnp.where(none, jnp.eye(4, dtype=gaussians.quat.dtype)[0], gaussians.quat)
+    gaussians = dataclasses.replace(gaussians, quat=quat)
     coefficients = gaussians.harmonics.shape[1]
     scene_degree = math.isqrt(coefficients) - 1
     if not scene_degree <= degree <= 3:

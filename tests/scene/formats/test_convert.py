@@ -1,5 +1,6 @@
 """Models come in as they are and go out as they look."""
 
+import dataclasses
 import math
 
 import equinox as eqx
@@ -12,6 +13,7 @@ import pytest
 import reference
 import toy
 
+import gaussray
 from gaussray.cli.main import main
 from gaussray.color import srgb_decode, srgb_encode
 from gaussray.render.renderer import Renderer, RenderOptions
@@ -374,3 +376,18 @@ def test_a_scene_is_not_overwritten(moving, tmp_path):
     with pytest.raises(ValueError, match="holds a scene already"):
         import_model(tmp_path / "a.ply", tmp_path / "run")
     assert (tmp_path / "run" / "scene.npz").read_bytes() == before
+
+
+@pytest.mark.parametrize("name", ["a.ply", "a.glb", "a.spz"])
+def test_a_quaternion_of_zeros_is_no_rotation(tmp_path, name):
+    made = gaussray.Gaussians.colored([[0, 0, 0], [1, 0, 0]], [1, 0, 0], scale=[0.1, 0.2, 0.3])
+    scene = gaussray.Scene(dataclasses.replace(made, quat=np.array([[0.0] * 4, [1, 0, 0, 0]])))
+    gaussray.save(scene, tmp_path / name)
+    quat = np.asarray(gaussray.load(tmp_path / name).static.quat)
+    np.testing.assert_allclose(np.abs(quat[0]), np.abs(quat[1]), atol=1e-3)
+
+
+def test_a_scene_without_gaussians_is_not_exported(tmp_path):
+    empty = gaussray.Scene(gaussray.Gaussians.colored(np.zeros((0, 3)), [1, 0, 0]))
+    with pytest.raises(ValueError, match="scene must have Gaussians at this time"):
+        gaussray.save(empty, tmp_path / "a.ply")
