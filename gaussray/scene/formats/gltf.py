@@ -90,7 +90,7 @@ def upright_columns(gaussians: Gaussians) -> tuple[np.ndarray, ...]:
     """Means, unit quaternions x y z w, scales, opacities [n, 1] and harmonics in single precision,
     turned by half a circle about z: y is up instead of down."""
     quat = np.asarray(gaussians.quat, np.float64)
-    quat /= np.linalg.norm(quat, axis=1, keepdims=True)
+    quat = quat / np.linalg.norm(quat, axis=1, keepdims=True)
     harmonics = np.asarray(gaussians.harmonics, np.float32)
     return (
         np.asarray(gaussians.mean, np.float32) * _FLIP,

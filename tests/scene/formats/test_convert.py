@@ -382,7 +382,7 @@ def test_a_scene_is_not_overwritten(moving, tmp_path):
 def test_a_quaternion_of_zeros_is_no_rotation(tmp_path, name):
     made = gaussray.Gaussians.colored([[0, 0, 0], [1, 0, 0]], [1, 0, 0], scale=[0.1, 0.2, 0.3])
     scene = gaussray.Scene(dataclasses.replace(made, quat=np.array([[0.0] * 4, [1, 0, 0, 0]])))
-    gaussray.save(scene, tmp_path / name)
+    gaussray.save(tmp_path / name, scene)
     quat = np.asarray(gaussray.load(tmp_path / name).static.quat)
     np.testing.assert_allclose(np.abs(quat[0]), np.abs(quat[1]), atol=1e-3)
 
@@ -390,4 +390,4 @@ def test_a_quaternion_of_zeros_is_no_rotation(tmp_path, name):
 def test_a_scene_without_gaussians_is_not_exported(tmp_path):
     empty = gaussray.Scene(gaussray.Gaussians.colored(np.zeros((0, 3)), [1, 0, 0]))
     with pytest.raises(ValueError, match="scene must have Gaussians at this time"):
-        gaussray.save(empty, tmp_path / "a.ply")
+        gaussray.save(tmp_path / "a.ply", empty)
