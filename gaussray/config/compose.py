@@ -35,6 +35,7 @@ from gaussray.io.sample_data import PARTS, WORD, sample
 # What other packages call the type of a configuration.
 Configuration = DictConfig
 
+_SWITCHES = ("quiet", "report", "tensorboard")
 # The time of day in a text.
 _NOW = re.compile(r"\$\{now:[^${}]*\}")
 
@@ -67,11 +68,10 @@ def compose_config(command: str, overrides: Sequence[str]) -> Configuration:
 
 
 def _check_switches(command: str, cfg: Configuration) -> None:
-    """Refuse values other than true and false of keys that are in no group, such as report."""
-    for name, key in keys(command).items():
-        value = cfg.get(name) if "." not in name else None
-        if key.default in ("true", "false") and not isinstance(value, bool | None):
-            raise ValueError(f"{name} must be true or false, got {value!r}.")
+    """Refuse values other than true and false of switches that are in no group."""
+    for name in _SWITCHES:
+        if name in keys(command) and not isinstance(cfg[name], bool):
+            raise ValueError(f"{name} must be true or false, got {cfg[name]!r}.")
 
 
 class Variations:

@@ -20,14 +20,18 @@ def to_plain(value: Any) -> Any:
 
 
 def group_values(group: str, choice: str) -> dict[str, Any]:
-    """Keys and values of one file of conf/, such as conf/lens/fisheye.yaml.
+    """Keys and values of a choice, such as conf/lens/fisheye.yaml with those of conf/lens/keep.yaml
+    that it begins with.
 
     Args:
         group: name of the group (`lens`), which is the file's folder.
         choice: name of the choice (`fisheye`), which is the file's name.
     """
-    values: Any = OmegaConf.to_container(OmegaConf.load(conf_folder() / group / f"{choice}.yaml"))
-    return values
+    own: Any = OmegaConf.to_container(OmegaConf.load(conf_folder() / group / f"{choice}.yaml"))
+    values: dict[str, Any] = {}
+    for base in own.pop("defaults", ()):
+        values |= {} if base == "_self_" else group_values(group, base)
+    return values | own
 
 
 def yaml_text(values: Mapping[str, Any]) -> str:

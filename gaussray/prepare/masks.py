@@ -78,21 +78,29 @@ def written_mask(copy: Path, out: Path) -> Path:
 
 
 def write_matching_masks(
-    files: Sequence[Path], index: Sequence[int], folder: Path, names: Sequence[str]
+    files: Sequence[Path],
+    index: Sequence[int],
+    folder: Path,
+    names: Sequence[str],
+    sizes: Sequence[tuple[int, int]],
 ) -> None:
-    """Copy the masks of one camera's pictures for COLMAP, as `0003.jpg.png` of `0003.jpg`.
+    """Copy the masks of one camera's pictures for COLMAP, as `0003.jpg.png` of `0003.jpg`; white
+    ones for pictures without, of which it would find no features otherwise.
 
     Args:
         files: the camera's file at each timestamp, in a capture.
         index: timestamps whose pictures are written (`write_matching_pictures`).
-        folder: folder of the masks; made if any picture has one.
+        folder: folder of the masks; made if it does not exist.
         names: names of the pictures' files.
+        sizes: width and height in pixels of each picture.
     """
-    for i, name in zip(index, names, strict=True):
+    folder.mkdir(parents=True, exist_ok=True)
+    for i, name, (width, height) in zip(index, names, sizes, strict=True):
         mask = written_mask(files[i], files[i].parents[2])
         if mask.is_file():
-            folder.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(mask, folder / f"{name}.png")
+        else:
+            write_image(folder / f"{name}.png", np.full((height, width, 3), 255, np.uint8))
 
 
 def mask_of(picture: Path, *, alone: bool) -> Path | None:

@@ -127,9 +127,8 @@ def _write_pictures(
         sizes = [source.size(int(timeline.frames[source.name][i])) for i in chosen]
         names = write_matching_pictures(files[source.name], chosen, work / f"{k:03d}", sizes)
         if options.poses.masks:
-            write_matching_masks(
-                files[source.name], chosen, work / MATCHING_MASKS / f"{k:03d}", names
-            )
+            place = work / MATCHING_MASKS / f"{k:03d}"
+            write_matching_masks(files[source.name], chosen, place, names, sizes)
         for name, i, size in zip(names, chosen, sizes, strict=True):
             pictures.append(MatchingPicture(f"{k:03d}/{name}", source.name, i, size))
     return pictures

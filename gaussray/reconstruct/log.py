@@ -210,5 +210,5 @@ def _rate_of(name: str) -> str:
         return f"optimizer.control_{part}"
     if kind == "corrections" or part in ("path", "turn", "light"):
         return f"optimizer.{part}"
-    shared = {"planes": "planes", "mean[1]": "motion"}
+    shared = {"planes": "planes", "mean[1]": "mean_head"}
     return f"optimizer.{shared.get(rest.partition('.')[0], 'network')}"

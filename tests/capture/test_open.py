@@ -194,7 +194,7 @@ def test_a_format_that_the_folder_is_not_of_is_its_readers_error(folder):
 
 
 def test_a_folder_that_is_not_there(tmp_path):
-    with pytest.raises(FileNotFoundError, match="none: the capture folder does not exist"):
+    with pytest.raises(FileNotFoundError, match="none: no such folder. Name a capture"):
         open_capture(tmp_path / "none")
 
 

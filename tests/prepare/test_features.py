@@ -65,6 +65,7 @@ def test_features_lie_where_masks_are_white(tmp_path, painted):
     pictures, database = written(tmp_path, [level, level]), tmp_path / "features.db"
     mask = np.zeros_like(level)
     mask[:, : SIZE[0] // 2] = 255
+    write_image(tmp_path / "masks/000/0000.png.png", np.full_like(mask, 255))
     write_image(tmp_path / "masks/000/0001.png.png", mask)
     with quiet_colmap():
         features.extract_features(database, tmp_path, [pictures], OPTIONS, tmp_path / "masks")

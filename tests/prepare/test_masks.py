@@ -104,12 +104,14 @@ def test_the_capture_names_its_masks(tmp_path, painted):
         write_image(tmp_path / f"in/images/{k}.png", level)
         mask = np.full_like(level, 255)
         mask[:, : level.shape[1] // 4] = 0
-        write_image(tmp_path / f"in/masks/{k}.png", mask)
+        if k:
+            write_image(tmp_path / f"in/masks/{k}.png", mask)
     options = PrepareOptions(poses=PosesOptions(model="pinhole", masks=True))
     facts = prepare_capture(tmp_path / "in", tmp_path / "out", options=options)
     views = open_capture(tmp_path / "out").views
     assert len(views) == 8 and facts
-    for view in views:
+    assert [view.mask is None for view in views] == [True, *[False] * 7]
+    for view in views[1:]:
         shown = visible_pixels(view)
         quarter = shown.shape[1] // 4
         assert not shown[:, :quarter].any() and shown[:, quarter:].all()
