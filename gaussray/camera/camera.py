@@ -72,12 +72,12 @@ class Camera(eqx.Module):
         rule = "a gaussray.Trajectory, such as gaussray.look_at(eye)"
         check_kind("camera.trajectory", self.trajectory, Trajectory, rule)
         require("camera.time", self.time, np.isfinite, "finite")
-        table = self.shutter.row_times
+        shape = getattr(self.shutter.row_times, "shape", ())
         rows = row_count(self.shutter.direction, (self.film.width, self.film.height))
-        if getattr(table, "shape", ()) and table.shape[-1] < rows:
+        if shape and shape[-1] < rows:
             raise ValueError(
                 f"shutter.row_times must have one time for each of the {rows} rows (columns, if it "
-                f"reads sideways), got {table.shape[-1]}."
+                f"reads sideways), got {shape[-1]}."
             )
         if self.chromatic is not None:
             rule = "above 0"
