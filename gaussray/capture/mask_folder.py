@@ -9,8 +9,7 @@ from gaussray.capture.errors import CaptureWarning
 
 
 MASK_FOLDER = "masks"
-# Suffixes of masks beside .png and that of the picture.
-_SUFFIXES = (".PNG", ".jpg", ".JPG", ".jpeg")
+_SUFFIXES = (".png", ".PNG", ".jpg", ".JPG", ".jpeg")
 
 
 def with_mask_folder(capture: Capture) -> Capture:
@@ -56,7 +55,15 @@ def _mask(folder: Path, view: View) -> Path | None:
     inner = view.image.relative_to(folder)
     if len(inner.parts) > 1 and inner.parts[0].startswith("images"):  # LLFF: images_2, images_4 ...
         inner = inner.relative_to(inner.parts[0])
-    suffixes = inner.suffix, ".png", *_SUFFIXES
-    named = inner.with_name(inner.name + ".png"), *(inner.with_suffix(one) for one in suffixes)
-    paths = (folder / MASK_FOLDER / name for name in named)
-    return next((path for path in paths if path.is_file()), None)
+    return mask_in(folder / MASK_FOLDER / inner.parent, inner.name)
+
+
+def mask_in(folder: Path, name: str) -> Path | None:
+    """The mask of a picture in a folder of masks; None if it has none there.
+
+    Args:
+        folder: the folder, which may not exist.
+        name: name of the picture's file: the mask of `a.JPG` is `a.JPG.png` or `a` with a suffix.
+    """
+    names = f"{name}.png", name, *(f"{Path(name).stem}{suffix}" for suffix in _SUFFIXES)
+    return next((folder / one for one in names if (folder / one).is_file()), None)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 
 _OTHER = re.compile(
-    r"(depth|disparity|disp|mask|seg|segmentation|semantic|normal|label|confidence)s?([ _-].*)?",
+    r"((depth|disparity|mask|segmentation|semantic|label|confidence)s?|seg|normals)([ _-].*)?",
     re.IGNORECASE,
 )
 

@@ -2,15 +2,11 @@
 
 import filecmp
 import warnings
-from pathlib import Path
 
 import numpy as np
 
 from gaussray.capture.capture import Capture, View
 from gaussray.capture.errors import CaptureWarning
-
-
-_Facts = tuple[float, ...]
 
 
 def warn_of_trained_tests(capture: Capture) -> None:
@@ -23,10 +19,15 @@ def warn_of_trained_tests(capture: Capture) -> None:
     trained = [view for view in capture.views if view.split == "train"]
     held = [view for view in capture.views if view.split == "test"]
     scored = [view for views in (held, *capture.effects.values()) for view in views]
-    images, alike = {view.image for view in trained}, dict[_Facts, list[Path]]()
+    images, alike = {view.image for view in trained}, dict[tuple[float, int], list[View]]()
     for view in trained if scored else ():
-        alike.setdefault(_facts(view), []).append(view.image)
-    both = [v for v in scored if v.image in images or _is_copy(v.image, alike.get(_facts(v), []))]
+        alike.setdefault(_time_and_bytes(view), []).append(view)
+    both = [
+        view
+        for view in scored
+        if view.image in images
+        or any(_is_copy(view, other) for other in alike.get(_time_and_bytes(view), ()))
+    ]
     if both:
         warnings.warn(
             f"{capture.folder}: {len(both)} pictures to score, first {both[0].image.name}, are "
@@ -37,14 +38,17 @@ def warn_of_trained_tests(capture: Capture) -> None:
         )
 
 
-def _facts(view: View) -> _Facts:
-    """Time and pose of a view."""
-    path = view.camera.trajectory
-    return view.time, *np.asarray(path.translation)[0].tolist(), *np.asarray(path.quat)[0].tolist()
+def _time_and_bytes(view: View) -> tuple[float, int]:
+    """Time and size of the file of a view; pictures in videos are no files, and have -1."""
+    return view.time, view.image.stat().st_size if view.image.is_file() else -1
 
 
-def _is_copy(image: Path, others: list[Path]) -> bool:
-    """Whether a file has the bytes of another one. Pictures in videos are no files."""
-    return image.is_file() and any(
-        other.is_file() and filecmp.cmp(image, other, shallow=False) for other in others
+def _is_copy(view: View, other: View) -> bool:
+    """Whether two views of one time have one pose, and files of the same bytes."""
+    own, known = view.camera.trajectory, other.camera.trajectory
+    return (
+        view.image.is_file()
+        and np.array_equal(own.translation, known.translation)
+        and np.array_equal(own.quat, known.quat)
+        and filecmp.cmp(view.image, other.image, shallow=False)
     )

@@ -24,7 +24,6 @@ _ALIASES = {
     "loss.time": "loss.time_smoothness",
     "loss.one": "loss.time_planes_from_one",
     "optimizer.motion": "optimizer.mean_head",
-    "need.weigh": "prune.contribution_tiles",
     "prune.weigh": "prune.contribution_tiles",
     "calibrate.bend": "calibrate.huber_threshold",
 }
@@ -107,9 +106,9 @@ def todays_word(word: str) -> str:
     name, equals, value = word.partition("=")
     if name == "dataset" and value not in choices("dataset"):
         return f"dataset.layout{equals}{value}" if equals else word
-    name = _ALIASES.get(name, name)
     group, dot, key = name.partition(".")
-    return f"{_RENAMED_GROUPS.get(group, group)}{dot}{key}{equals}{value}"
+    name = f"{_RENAMED_GROUPS.get(group, group)}{dot}{key}"
+    return f"{_ALIASES.get(name, name)}{equals}{value}"
 
 
 def _text(group: str, choice: str) -> str:

@@ -55,7 +55,7 @@ def capture_document(
                 "transform_matrix": matrix,
                 **model.lenses[k],
             }
-            mask = written_mask(files[picture.camera][i], out)
+            mask = written_mask(files[picture.camera][i])
             if mask.is_file():
                 frame["mask_path"] = mask.relative_to(out).as_posix()
             if not timeline.is_static:

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from gaussray.capture.errors import CaptureWarning
+from gaussray.capture.mask_folder import MASK_FOLDER, mask_in
 from gaussray.capture.orientation import stored_orientation, upright_pixels
 from gaussray.capture.picture_file import open_image, picture_size, read_levels
 from gaussray.dataset.images import write_image
@@ -18,15 +19,10 @@ from gaussray.prepare.timeline import Timeline
 from gaussray.runtime.progress import say
 
 
-# Folder of the masks for COLMAP, beside the pictures for it.
-MATCHING_MASKS = "masks"
-_FOLDERS = ("masks", "mask")
-_SUFFIXES = (".png", ".PNG", ".jpg", ".JPG", ".jpeg")
+_FOLDERS = (MASK_FOLDER, "mask")
 
 
-def copy_masks(
-    sources: Sequence[Source], timeline: Timeline, files: dict[str, list[Path]], out: Path
-) -> None:
+def copy_masks(sources: Sequence[Source], timeline: Timeline, files: dict[str, list[Path]]) -> None:
     """Put the masks of photographs into a capture, as `masks/CAMERA/a.jpg.png` of
     `images/CAMERA/a.jpg`, upright as the pictures are; white pixels count.
 
@@ -37,14 +33,13 @@ def copy_masks(
         sources: the cameras.
         timeline: the frames that are used.
         files: for each camera the copied picture of each timestamp.
-        out: the capture's folder.
     """
     found, wrong, count = 0, [], 0
     for source in sources:
         for i, copy in zip(timeline.frames[source.name], files[source.name], strict=True):
             if source.is_video:
                 continue
-            target = written_mask(copy, out)
+            target = written_mask(copy)
             mask = mask_of(source.pictures[i], alone=len(sources) == 1)
             levels = None if mask is None else _levels(mask, source.pictures[i], copy)
             count += 1
@@ -66,15 +61,15 @@ def copy_masks(
         )
 
 
-def written_mask(copy: Path, out: Path) -> Path:
-    """Where the mask of a copied picture is, if it has one.
+def written_mask(copy: Path) -> Path:
+    """Where the mask of a picture of a capture is, if it has one: that of `images/cam01/a.jpg` is
+    `masks/cam01/a.jpg.png`. Frames of videos have none.
 
     Args:
-        copy: a file in the capture's `images/`.
-        out: the capture's folder.
+        copy: the picture (`copy_media`).
     """
-    inner = copy.relative_to(out / "images") if copy.is_relative_to(out / "images") else copy.name
-    return out / "masks" / f"{inner}.png"
+    camera = copy.parent
+    return camera.parent.with_name(MASK_FOLDER) / camera.name / f"{copy.name}.png"
 
 
 def write_matching_masks(
@@ -96,7 +91,7 @@ def write_matching_masks(
     """
     folder.mkdir(parents=True, exist_ok=True)
     for i, name, (width, height) in zip(index, names, sizes, strict=True):
-        mask = written_mask(files[i], files[i].parents[2])
+        mask = written_mask(files[i])
         if mask.is_file():
             shutil.copyfile(mask, folder / f"{name}.png")
         else:
@@ -119,9 +114,8 @@ def mask_of(picture: Path, *, alone: bool) -> Path | None:
     homes = [camera.parent / name / camera.name for name in _FOLDERS]
     homes += [camera.parent.parent / name / camera.name for name in _FOLDERS]
     homes += [camera.parent / name for name in _FOLDERS if alone]
-    names = [f"{picture.name}.png", *(f"{picture.stem}{suffix}" for suffix in _SUFFIXES)]
-    paths = (home / name for home in homes if home != camera for name in names)
-    return next((path for path in paths if path.is_file()), None)
+    found = (mask_in(home, picture.name) for home in homes if home != camera)
+    return next((mask for mask in found if mask is not None), None)
 
 
 def _levels(mask: Path, picture: Path, copy: Path) -> UInt8[np.ndarray, "h w 3"] | None:

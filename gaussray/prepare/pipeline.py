@@ -67,7 +67,7 @@ def prepare_capture(
     # Pictures are about to be replaced: the poses of an earlier run must not stay beside them.
     (out / PINHOLE_FILE).unlink(missing_ok=True)
     files = copy_media(sources, timeline, out)
-    copy_masks(sources, timeline, files, out)
+    copy_masks(sources, timeline, files)
     out.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=out, prefix=".prepare") as work, quiet_colmap():
         placement = find_poses(sources, timeline, files, known, Path(work), options)

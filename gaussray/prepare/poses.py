@@ -7,12 +7,13 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Int
 
+from gaussray.capture.mask_folder import MASK_FOLDER
 from gaussray.prepare import features, merging
 from gaussray.prepare.calibrations.known_camera import KnownCamera
 from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.features import Keypoints, MatchingPicture
 from gaussray.prepare.mapping import estimate_poses, triangulate, verify
-from gaussray.prepare.masks import MATCHING_MASKS, write_matching_masks
+from gaussray.prepare.masks import write_matching_masks
 from gaussray.prepare.media import write_matching_pictures
 from gaussray.prepare.options import PrepareOptions
 from gaussray.prepare.sources import Source
@@ -127,7 +128,7 @@ def _write_pictures(
         sizes = [source.size(int(timeline.frames[source.name][i])) for i in chosen]
         names = write_matching_pictures(files[source.name], chosen, work / f"{k:03d}", sizes)
         if options.poses.masks:
-            place = work / MATCHING_MASKS / f"{k:03d}"
+            place = work / MASK_FOLDER / f"{k:03d}"
             write_matching_masks(files[source.name], chosen, place, names, sizes)
         for name, i, size in zip(names, chosen, sizes, strict=True):
             pictures.append(MatchingPicture(f"{k:03d}/{name}", source.name, i, size))
@@ -151,7 +152,7 @@ def _extract(
             f"poses.intrinsics must be own or auto for pictures of several sizes, got shared and "
             f"{sizes}."
         )
-    masks = work / MATCHING_MASKS
+    masks = work / MASK_FOLDER
     features.extract_features(
         database, work, list(groups.values()), options.poses, masks if masks.is_dir() else None
     )

@@ -124,26 +124,14 @@ class FitOptions(eqx.Module):
             if getattr(self, name) < 1:
                 raise ValueError(f"fit.{name} must be at least 1, got {getattr(self, name)}.")
         for name in (
-            *(
-                "minutes",
-                "fine",
-                "samples",
-                "checkpoint",
-                "initial_scale",
-                "seed",
-                "degree_interval",
-            ),
-            *("surround", "footprint", "outliers", "memory"),
+            *("minutes", "fine", "samples", "checkpoint", "initial_scale", "seed"),
+            *("degree_interval", "surround", "footprint", "outliers", "memory"),
         ):
             if getattr(self, name) < 0:
                 raise ValueError(f"fit.{name} must be at least 0, got {getattr(self, name)}.")
         for name in (
-            "validate",
-            "moving_share",
-            "error_share",
-            "moving_threshold",
-            "initial_opacity",
-            "window",
+            *("validate", "moving_share", "error_share", "moving_threshold"),
+            *("initial_opacity", "window"),
         ):
             if not 0 <= getattr(self, name) <= 1:
                 raise ValueError(f"fit.{name} must be in [0, 1], got {getattr(self, name)}.")

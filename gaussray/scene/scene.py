@@ -1,6 +1,6 @@
 """A dynamic scene: static Gaussians, deformed Gaussians and transient Gaussians."""
 
-import math
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -154,8 +154,7 @@ def key_count(scene: Scene, span: float) -> int:
     instants = np.asarray(scene.deformation.instants)
     if len(instants) < 2:
         return 3
-    intervals = math.ceil(span / float(np.median(np.diff(instants))) - _ARC_ROUNDING)
-    return 2 * min(max(intervals, 1), len(instants) - 1) + 1
+    return int(_states(span / np.median(np.diff(instants)), len(instants) - 1, np))
 
 
 def key_count_of(scene: Scene, span: Float[Array, ""]) -> Int[Array, ""]:
@@ -171,9 +170,15 @@ def key_count_of(scene: Scene, span: Float[Array, ""]) -> Int[Array, ""]:
     if len(instants) < 2:
         return jnp.where(span > 0, 3, 1)
     share = span / jnp.median(jnp.diff(instants))
-    intervals = jnp.clip(jnp.ceil(share - _ARC_ROUNDING), 1, len(instants) - 1)
+    states = _states(share, len(instants) - 1, jnp)
     # Times that differ by rounding alone are one.
-    return jnp.where(share > _ONE_TIME, 2 * intervals + 1, 1).astype(jnp.int32)
+    return jnp.where(share > _ONE_TIME, states, 1).astype(jnp.int32)
+
+
+def _states(share: Any, intervals: int, module: Any) -> Any:
+    """Key states of a duration in intervals between timestamps, of which there are so many, by
+    NumPy on the host or by JAX."""
+    return 2 * module.clip(module.ceil(share - _ARC_ROUNDING), 1, intervals) + 1
 
 
 def _state(gaussians: Gaussians) -> tuple[Array, Array, Array, Array | None]:

@@ -68,6 +68,7 @@ def test_keys_that_differ_from_a_finished_run_are_named(tmp_path):
     [
         ("reconstruct", ["capture.path=x", "need.loss=0.5"], "prune.loss", 0.5),
         ("reconstruct", ["capture.path=x", "need=default"], "prune.loss", 0.02),
+        ("reconstruct", ["capture.path=x", "need.weigh=9"], "prune.contribution_tiles", 9),
         ("reconstruct", ["capture.path=x", "fit.rise=7"], "fit.degree_interval", 7),
         ("reconstruct", ["capture.path=x", "loss.one=0.5"], "loss.time_planes_from_one", 0.5),
         ("render", ["scene=x", "factory.count=3"], "dataset.count", 3),

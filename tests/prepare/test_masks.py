@@ -32,7 +32,7 @@ def copied(folder, out):
     sources = find_sources(folder)
     timeline = common_timeline(sources, synchronise(sources, SyncOptions()), FramesOptions())
     files = copy_media(sources, timeline, out)
-    copy_masks(sources, timeline, files, out)
+    copy_masks(sources, timeline, files)
     return [path for name in files for path in files[name]]
 
 
@@ -72,7 +72,7 @@ def test_masks_are_written_beside_the_pictures_as_they_stand(tmp_path, capsys):
     Image.fromarray(half_white()).save(folder / "masks/c.jpg")
     pictures = copied(folder, out)
     assert "2 of 3 pictures have a mask" in capsys.readouterr().out
-    masks = [written_mask(path, out) for path in pictures]
+    masks = [written_mask(path) for path in pictures]
     assert [mask.is_file() for mask in masks] == [True, False, True]
     across = np.asarray(Image.open(masks[2]))[..., 0]
     assert across.shape == (48, 32) and not across[:, :15].any() and across[:, 17:].all()

@@ -46,7 +46,7 @@ def without_covered_cameras(capture: Capture, *, quiet: bool = True) -> Capture:
         if view.split == "train":
             cameras.setdefault(view.camera_name, []).append(view)
     with ThreadPoolExecutor(_THREADS) as pool:
-        progress = Progress("pictures", len(cameras), quiet=quiet, patience=_PATIENCE)
+        progress = Progress("cameras", len(cameras), quiet=quiet, patience=_PATIENCE)
         plain: dict[str, BackdropColor] = {}
         found = zip(cameras, pool.map(_plain_color, cameras.values()), strict=True)
         for done, (name, color) in enumerate(found, 1):

@@ -236,6 +236,16 @@ def pruned_scene(
     return scene, steps | scores | {"precision": precision}
 
 
+def _without(candidate: Candidate, order: Int[np.ndarray, " rows"]) -> Callable[[int], Candidate]:
+    """The candidate without the first Gaussians of an order, by their number."""
+
+    def without(count: int) -> Candidate:
+        kept = _changed(candidate.kept, order[:count], False)
+        return eqx.tree_at(lambda d: d.kept, candidate, kept)
+
+    return without
+
+
 def _remove_hidden(
     removals: _Removals,
     tiles: ChosenTiles,
@@ -254,11 +264,7 @@ def _remove_hidden(
     order = np.flatnonzero(hidden)
     order = order[np.argsort(seen[order], kind="stable")]
 
-    def without(count: int) -> Candidate:
-        kept = _changed(candidate.kept, order[:count], False)
-        return eqx.tree_at(lambda d: d.kept, candidate, kept)
-
-    removals.remove_most("Gaussians that masks hide", len(order), without)
+    removals.remove_most("Gaussians that masks hide", len(order), _without(candidate, order))
 
 
 def _remove_faint(
@@ -275,11 +281,7 @@ def _remove_faint(
     order = order if unmet is None else order[~unmet[order]]
     order = order if tiles.complete else order[weight[order] > 0]
 
-    def without(count: int) -> Candidate:
-        kept = _changed(candidate.kept, order[:count], False)
-        return eqx.tree_at(lambda d: d.kept, candidate, kept)
-
-    removals.remove_most("faint Gaussians", len(order), without)
+    removals.remove_most("faint Gaussians", len(order), _without(candidate, order))
 
 
 def _with_spare(
