@@ -266,10 +266,10 @@ def step_motion(scene: Scene, rays: Rays, time: Array, cameras: CameraSet, keys:
         keys: the number of key states, evenly spread from the first to the last ray.
     """
     if keys == 1 or scene.deformation is None:
-        return scene_motion(scene, time[None])
+        return scene_motion(scene, time[None], held=True)
     first, last = jnp.min(rays.time), jnp.max(rays.time)
     key_time = key_times_across(first, last, keys, least=1e-3 * cameras.interval)
-    return scene_motion(scene, jax.lax.stop_gradient(key_time))
+    return scene_motion(scene, jax.lax.stop_gradient(key_time), held=True)
 
 
 def _tile_errors(image: Array, truth: Array, weight: Array, batch: Batch) -> Float[Array, " tiles"]:

@@ -58,17 +58,13 @@ def control_motion(
     """Displacement and rotation (a unit quaternion) of every Gaussian at a time.
 
     Between the times of the poses, these are interpolated as those of rigid bodies
-    (`bodies.poses_at`). Gradients reach poses and times alone: those of the weights would take as
-    long as all the rest.
+    (`bodies.poses_at`).
 
     Args:
         points: The control points, at least one.
         position: Centres of the Gaussians at rest, in scene units.
         time: In the capture's unit.
     """
-    position = jax.lax.stop_gradient(position)
-    fixed = jax.lax.stop_gradient((points.pivot, points.radius))
-    points = eqx.tree_at(lambda p: (p.pivot, p.radius), points, fixed)
     path, turn = poses_at(points.time, points.path, points.turn, time)
     rotation = rotation_matrix(turn)
     change = rotation - jnp.eye(3, dtype=rotation.dtype)[None]
@@ -81,3 +77,11 @@ def control_motion(
     shift, change, turn = jnp.split(blend, [3, 12], axis=1)
     turned = product("nij,nj->ni", change.reshape(-1, 3, 3), position - middle[None])
     return shift + turned, normalize_quaternion(turn)
+
+
+def with_fixed_weights(points: ControlPoints) -> ControlPoints:
+    """The same control points, whose pivots and radii get no gradient: that of the weights would
+    take as long as all the rest of a step.
+    """
+    fixed = jax.lax.stop_gradient((points.pivot, points.radius))
+    return eqx.tree_at(lambda p: (p.pivot, p.radius), points, fixed)

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from gaussray.geometry import multiply, normalize_quaternion, product, rotation_matrix
 from gaussray.scene.bodies import Bodies, body_of, body_pose_at
-from gaussray.scene.control_points import ControlPoints, control_motion
+from gaussray.scene.control_points import ControlPoints, control_motion, with_fixed_weights
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.harmonics import harmonic_basis
 from gaussray.scene.planes import Planes, features
@@ -95,9 +95,11 @@ class Deformation(eqx.Module):
         """The timestamps at which the motion was sampled."""
         return self.bodies.time if self.control is None else self.control.time
 
-    def __call__(self, gaussians: Gaussians, time: Float[Array, ""]) -> Gaussians:
+    def __call__(
+        self, gaussians: Gaussians, time: Float[Array, ""], *, held: bool = False
+    ) -> Gaussians:
         """The Gaussians at a time (`deform`)."""
-        return deform(gaussians, self, time)
+        return deform(gaussians, self, time, held=held)
 
 
 def head_output(
@@ -147,7 +149,9 @@ def initial_deformation(
     return Deformation(bodies, planes, trunk, *heads, jnp.zeros((9, 3), dtype), control)
 
 
-def deform(gaussians: Gaussians, deformation: Deformation, time: Float[Array, ""]) -> Gaussians:
+def deform(
+    gaussians: Gaussians, deformation: Deformation, time: Float[Array, ""], *, held: bool = False
+) -> Gaussians:
     """Deform Gaussians: their state at a time.
 
     Each Gaussian first moves with its rigid body, or with the control points around it; the heads
@@ -159,25 +163,30 @@ def deform(gaussians: Gaussians, deformation: Deformation, time: Float[Array, ""
         gaussians: The Gaussians before deformation.
         deformation: The deformation field.
         time: In the capture's unit.
+        held: Whether derivatives leave out, as fits do, how the motion and the light depend on
+            where a Gaussian is and how it is turned. A Gaussian must not move to another one's
+            place to find a better motion, and fits are faster so.
     """
-    # No gradient reaches the mean through the field: a Gaussian must not move to another one's
-    # place there to find a better motion.
-    position = jax.lax.stop_gradient(gaussians.mean)
+    position, quat, control = gaussians.mean, gaussians.quat, deformation.control
+    if held:
+        position, quat = jax.lax.stop_gradient((position, quat))
+        control = None if control is None else with_fixed_weights(control)
     hidden = deformation.trunk(features(deformation.planes, position, time))
 
     def residual(head: tuple[Layer, Layer] | None) -> Array:
         return jnp.zeros((), hidden.dtype) if head is None else head_output(head, hidden)
 
-    if deformation.control is not None:
-        pivot, (path, turn) = position, control_motion(deformation.control, position, time)
+    if control is not None:
+        pivot, (path, turn) = position, control_motion(control, position, time)
     else:
         pivot, path, turn = _body_motion(deformation.bodies, position, time)
     arm = product("nij,nj->ni", rotation_matrix(turn), gaussians.mean - pivot)
     rotated = multiply(turn, normalize_quaternion(gaussians.quat))
     # The disc's axis, outwards: the light on a surface depends on its normal.
-    normal = rotation_matrix(jax.lax.stop_gradient(gaussians.quat))[:, :, 2]
+    normal = rotation_matrix(quat)[:, :, 2]
     inward = jnp.sum(normal * (position - pivot), axis=-1, keepdims=True) < 0
-    normal = product("nij,nj->ni", rotation_matrix(jax.lax.stop_gradient(turn)), normal)
+    facing = rotation_matrix(jax.lax.stop_gradient(turn) if held else turn)
+    normal = product("nij,nj->ni", facing, normal)
     normal = jnp.where(inward, -normal, normal)
     shade = product("nh,hc->nc", jnp.stack(harmonic_basis(normal.T, 9), axis=-1), deformation.light)
     stretch = STRETCH * jnp.tanh(residual(deformation.scale) / STRETCH)

@@ -55,8 +55,13 @@ class ResidualField(eqx.Module):
         planes = self.planes
         return jnp.linspace(planes.begin, planes.end, max(len(x[0]) for x in planes.time))
 
-    def __call__(self, gaussians: Gaussians, time: Float[Array, ""]) -> Gaussians:
-        """The Gaussians at a time, of the undeformed ones."""
+    def __call__(
+        self, gaussians: Gaussians, time: Float[Array, ""], *, held: bool = False
+    ) -> Gaussians:
+        """The Gaussians at a time, of the undeformed ones. No fit changes such a field, so `held`
+        has no effect (`scene.deformation.deform`).
+        """
+        del held
         hidden = features(self.planes, gaussians.mean, jnp.clip(time, 0, 1))
         for i, layer in enumerate(self.trunk):
             hidden = layer(jax.nn.relu(hidden) if i else hidden)

@@ -1,5 +1,6 @@
 """A dynamic scene: static Gaussians, deformed Gaussians and transient Gaussians."""
 
+import functools
 from typing import Any
 
 import equinox as eqx
@@ -95,30 +96,34 @@ def at(scene: Scene, time: Float[Array, ""]) -> Gaussians:
     return gaussians if scene.light is None else scene.light.applied_to(gaussians, time)
 
 
-def persistent_at(scene: Scene, time: Float[Array, ""]) -> Gaussians:
+def persistent_at(scene: Scene, time: Float[Array, ""], *, held: bool = False) -> Gaussians:
     """The static and the moving Gaussians of a scene at a time, in this order, in usual light.
 
     Args:
         scene: The scene.
         time: In the unit of `scene.time_range`.
+        held: What derivatives leave out (`deform`).
     """
-    static = static_at(scene, time)
+    static = static_at(scene, time, held=held)
     if scene.deformation is None:
         return concatenate(static, scene.moving)
-    return concatenate(static, scene.deformation(scene.moving, time))
+    return concatenate(static, scene.deformation(scene.moving, time, held=held))
 
 
-def static_at(scene: Scene, time: Float[Array, ""]) -> Gaussians:
+def static_at(scene: Scene, time: Float[Array, ""], *, held: bool = False) -> Gaussians:
     """The static Gaussians of a scene in the shade of a time, in usual light.
 
     Args:
         scene: The scene.
         time: In the unit of `scene.time_range`.
+        held: Whether derivatives leave out how the shade depends on places.
     """
-    return scene.static if scene.shading is None else scene.shading.applied_to(scene.static, time)
+    if scene.shading is None:
+        return scene.static
+    return scene.shading.applied_to(scene.static, time, held=held)
 
 
-def moving_at(scene: Scene, time: Float[Array, " keys"]) -> Gaussians:
+def moving_at(scene: Scene, time: Float[Array, " keys"], *, held: bool = False) -> Gaussians:
     """The moving Gaussians at several times: mean, quat, scale and tint gain a leading axis.
 
     Opacity and harmonics are those in the middle between the first and the last time. This is exact
@@ -127,15 +132,16 @@ def moving_at(scene: Scene, time: Float[Array, " keys"]) -> Gaussians:
     Args:
         scene: The scene.
         time: Increasing times, in the unit of `scene.time_range`.
+        held: What derivatives leave out (`deform`).
 
     Raises:
         ValueError: The scene has no deformation.
     """
-    deformation = scene.deformation
-    if deformation is None:
+    if scene.deformation is None:
         raise ValueError("a scene without deformation has no Gaussians that move.")
-    mean, quat, scale, tint = jax.vmap(lambda t: _state(deformation(scene.moving, t)))(time)
-    middle = deformation(scene.moving, (time[0] + time[-1]) / 2)
+    deformed = functools.partial(scene.deformation, scene.moving, held=held)
+    mean, quat, scale, tint = jax.vmap(lambda t: _state(deformed(t)))(time)
+    middle = deformed((time[0] + time[-1]) / 2)
     return Gaussians(mean, quat, scale, middle.opacity, middle.harmonics, tint)
 
 

@@ -33,7 +33,7 @@ class Shading(eqx.Module):
     def at(
         self, position: Float[Array, "places 3"], time: Float[Array, ""]
     ) -> Float[Array, " places"]:
-        """The factor at places and one time. No gradient reaches the places.
+        """The factor at places and one time.
 
         Args:
             position: in scene units.
@@ -47,14 +47,17 @@ class Shading(eqx.Module):
         now = now + share * self.log_gain[jnp.minimum(first + 1, count - 1)]
         steps = np.array(now.shape, now.dtype) - 1
         place = (position - self.lower[None]) / (self.upper - self.lower)[None] * steps[None]
-        place = jax.lax.stop_gradient(place)
         return jnp.exp(jax.scipy.ndimage.map_coordinates(now, list(place.T), order=1, cval=0.0))
 
-    def applied_to(self, gaussians: Gaussians, time: Float[Array, ""]) -> Gaussians:
+    def applied_to(
+        self, gaussians: Gaussians, time: Float[Array, ""], *, held: bool = False
+    ) -> Gaussians:
         """Gaussians in the shade of one time: the same colours times the factor, as harmonics.
 
         Args:
             gaussians: static Gaussians, as they are without shade.
             time: in the capture's unit.
+            held: whether derivatives leave out how the factor depends on places.
         """
-        return times_factor(gaussians, self.at(gaussians.mean, time)[:, None])
+        place = jax.lax.stop_gradient(gaussians.mean) if held else gaussians.mean
+        return times_factor(gaussians, self.at(place, time)[:, None])

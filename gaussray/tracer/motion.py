@@ -80,7 +80,11 @@ def still(
 
 
 def scene_motion(
-    scene: Scene, key_time: Float[Array, " keys"], time_range: Float[Array, "2"] | None = None
+    scene: Scene,
+    key_time: Float[Array, " keys"],
+    time_range: Float[Array, "2"] | None = None,
+    *,
+    held: bool = False,
 ) -> Motion:
     """The motion of a scene within a frame; with one key time the deformation is constant, and the
     shade of static Gaussians is that of the middle.
@@ -89,15 +93,17 @@ def scene_motion(
         scene: the scene.
         key_time: increasing times between which the deformation is interpolated.
         time_range: times beyond which transient Gaussians rest; None for no limits.
+        held: what derivatives leave out (`scene.deformation.deform`).
     """
     transient = scene.transient if scene.transient is not None and scene.transient.count else None
     middle = (key_time[0] + key_time[-1]) / 2
     if key_time.shape[0] == 1 or scene.deformation is None:
-        motion = still(persistent_at(scene, middle), transient, time_range)
+        motion = still(persistent_at(scene, middle, held=held), transient, time_range)
         return replace(motion, light=scene.light)
-    rest = static_at(scene, middle) if scene.static.count else None
+    rest = static_at(scene, middle, held=held) if scene.static.count else None
     limits = None if transient is None else time_range
-    return Motion(key_time, moving_at(scene, key_time), rest, transient, limits, scene.light)
+    moving = moving_at(scene, key_time, held=held)
+    return Motion(key_time, moving, rest, transient, limits, scene.light)
 
 
 def key_times_across(

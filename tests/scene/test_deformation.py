@@ -1,14 +1,17 @@
 """A field that has learnt nothing moves nothing; one that has moves what it should."""
 
+import functools
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 import toy
+from jax.test_util import check_grads
 
 from gaussray.geometry import normalize_quaternion
-from gaussray.scene.deformation import CONTRAST, FieldOptions
+from gaussray.scene.deformation import CONTRAST, FieldOptions, deform
 
 
 # A few float32 roundings of numbers near 1.
@@ -103,6 +106,48 @@ def test_every_array_of_a_field_that_has_moved_gets_gradient(bodies):
         assert np.isfinite(leaf).all() and np.abs(leaf).max() > 0
     for scale in (*slope.planes.space, *slope.planes.time):
         assert (jnp.abs(scale).max(axis=(1, 2, 3)) > 0).all()
+
+
+def moved_field(control=None):
+    """A field in double precision, of which every number counts."""
+    dice = np.random.default_rng(0)
+    field = jax.tree.map(lambda x: jnp.asarray(x, float), toy.deformation(control=control))
+    arrays, rest = eqx.partition(field, lambda x: eqx.is_array(x) and x.ndim > 1)
+    arrays = jax.tree.map(lambda x: x + 0.3 * dice.normal(size=x.shape), arrays)
+    return eqx.combine(arrays, rest)
+
+
+@pytest.mark.parametrize("control", [None, toy.control_points()])
+def test_derivatives_agree_with_differences(bodies, control):
+    bodies = jax.tree.map(lambda x: jnp.asarray(x, float), bodies)
+    field = moved_field(control)
+
+    def state(gaussians, time, bias):
+        gaussians = jax.tree.map(jnp.asarray, gaussians)
+        changed = eqx.tree_at(lambda d: d.mean[1].bias, field, jnp.asarray(bias))
+        moved = deform(gaussians, changed, jnp.asarray(time))
+        return moved.mean, moved.quat, moved.scale, moved.tint
+
+    check_grads(state, (bodies, 0.37, field.mean[1].bias), order=1, modes=["rev"], eps=1e-6)
+
+
+@pytest.mark.parametrize("control", [None, toy.control_points()])
+def test_what_is_held_moves_rigidly_for_derivatives(bodies, control):
+    bodies = jax.tree.map(lambda x: jnp.asarray(x, float), bodies)
+    field = moved_field(control)
+
+    def state(gaussians, *, held):
+        moved = deform(gaussians, field, jnp.asarray(0.37), held=held)
+        return moved.mean, moved.tint
+
+    same = jax.tree.map(jnp.array_equal, *(state(bodies, held=held) for held in (True, False)))
+    assert all(jax.tree.leaves(same))
+    by_place, by_tint = jax.jacrev(functools.partial(state, held=True))(bodies)
+    for i in range(2):
+        turn = by_place.mean[i, :, i]
+        np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
+    assert not any(np.any(x) for x in (by_place.quat, by_tint.mean, by_tint.quat))
+    assert np.any(jax.jacrev(functools.partial(state, held=False))(bodies)[1].mean)
 
 
 @pytest.mark.parametrize(

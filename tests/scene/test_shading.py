@@ -93,16 +93,22 @@ def test_a_single_time_serves_all():
     np.testing.assert_array_equal(first, last)
 
 
-def test_gradients_reach_the_vertices_and_not_the_places():
-    place = jnp.asarray(places(6))
+def test_gradients_agree_with_differences():
+    def total(log_gain, place):
+        return jnp.sum(shading(log_gain).at(jnp.asarray(place), jnp.asarray(0.3)))
 
-    def total(log_gain):
-        return jnp.sum(shading(log_gain).at(place, jnp.asarray(0.3)))
+    check_grads(total, (random_gains(), places(6)), 1, modes=["rev"], rtol=DIFFERENCES)
 
-    check_grads(total, (random_gains(),), 1, modes=["rev"], rtol=DIFFERENCES)
-    some = shading(random_gains())
-    slope = jax.grad(lambda x: jnp.sum(some.at(x, jnp.asarray(0.3))))(place)
-    np.testing.assert_array_equal(slope, 0)
+
+def test_held_places_get_no_gradient():
+    some, static = shading(random_gains()), jax.tree.map(jnp.float64, toy.scene().static)
+
+    def total(mean, held):
+        moved = replace(static, mean=mean)
+        return jnp.sum(some.applied_to(moved, jnp.asarray(0.3), held=held).harmonics)
+
+    inside = jnp.asarray(places(static.count))
+    assert not np.any(jax.grad(total)(inside, True)) and np.any(jax.grad(total)(inside, False))
 
 
 def test_only_static_gaussians_are_shaded():
