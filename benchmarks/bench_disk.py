@@ -56,7 +56,7 @@ class Ready(Renderer):
 
     values: Sequence[Array] = ()
 
-    def film_developed(
+    def render_developed(
         self, cameras: Iterable[Camera], develop: Callable[[int, Array], Any]
     ) -> Iterator[DevelopedFrame]:
         for number, _ in enumerate(cameras):

@@ -62,10 +62,10 @@ def first_picture(count: int, side: int) -> dict[str, Any]:
     from benchmarks.problem import cameras, dynamic_room
     from benchmarks.record import machine
     from gaussray.render.renderer import Renderer, RenderOptions
-    from gaussray.runtime.devices import DevicesOptions, begin
+    from gaussray.runtime.devices import DevicesOptions, start_devices
     from gaussray.scene.spare_rows import with_spare_rows
 
-    begin(DevicesOptions())
+    start_devices(DevicesOptions())
     seconds = [time.perf_counter() - began]
     scene, camera = dynamic_room(count), cameras(side)["pinhole"]
     began = time.perf_counter()

@@ -99,7 +99,7 @@ def _kernel(options: TraceOptions, capacity: Capacity):
         return made, grid_boxes(box, kept)
 
     def lists(motion, rays):
-        stage, strips = kernel.stage_and_strips(
+        stage, strips = kernel.kernel_inputs(
             motion, rays, time_span(rays), options=options, slots=capacity.slots
         )
         # The lists of one strip: all there are, unless the picture is very large.

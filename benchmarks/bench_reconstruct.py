@@ -57,13 +57,13 @@ def main(argv: Sequence[str] | None = None) -> None:
         return
     # They read pictures: not needed to know what the script is for.
     from gaussray.capture.open import open_capture
-    from gaussray.reconstruct.auto.effort import effort
+    from gaussray.reconstruct.auto.choice import auto_choice
     from gaussray.reconstruct.auto.machine import this_machine
     from gaussray.reconstruct.options import FitOptions, ReconstructOptions
 
     capture = open_capture(chosen.capture or SAMPLE)
     if chosen.auto:
-        found = effort(capture, ReconstructOptions(), this_machine(1))
+        found = auto_choice(capture, ReconstructOptions(), this_machine(1))
         capture, options = found.capture, found.options
     else:
         options = ReconstructOptions(fit=FitOptions(auto=False))
@@ -130,18 +130,20 @@ def _room_rows(chosen) -> list[dict]:
 
 def _stepped(session, state, stage: str, name: str, chosen):
     """Some steps of a stage: the state after them, and a line of figures."""
-    from gaussray.reconstruct.loop import first_sizes, step_options
-    from gaussray.reconstruct.run_progress import Course
-    from gaussray.reconstruct.step import schedule, train_block
-    from gaussray.runtime.devices import everywhere
+    from gaussray.reconstruct.run_progress import StageSchedule
+    from gaussray.reconstruct.step import step_schedule, train_block
+    from gaussray.reconstruct.step_setup import first_sizes, step_options
+    from gaussray.runtime.devices import replicate
 
     loader, mesh, seconds, lost = session.loader, session.mesh, [], 0
     sizes = first_sizes(session, state, loader.batches(stage, 0, BLOCK))
-    cameras, course = everywhere((session.footage.camera, schedule(Course(10_000), 0)), mesh)
+    cameras, course = replicate(
+        (session.footage.camera, step_schedule(StageSchedule(10_000), 0)), mesh
+    )
     run = partial(train_block, options=step_options(session, stage), schedule=course, sizes=sizes)
     for block in range(chosen.steps // BLOCK + 1):
-        state = everywhere(state, mesh)
-        batches = everywhere(loader.batches(stage, BLOCK * block, BLOCK), mesh)
+        state = replicate(state, mesh)
+        batches = replicate(loader.batches(stage, BLOCK * block, BLOCK), mesh)
         began = time.perf_counter()
         state, terms, _, _, dropped = jax.block_until_ready(
             run(state, cameras, batches, session.cameras)
@@ -149,7 +151,7 @@ def _stepped(session, state, stage: str, name: str, chosen):
         seconds.append((time.perf_counter() - began) / BLOCK)
         lost += int(dropped)
     if chosen.kernels:
-        state = everywhere(state, mesh)
+        state = replicate(state, mesh)
         taken = kernel_seconds(partial(run, state, cameras, batches, session.cameras))
         print(f"{stage}: kernels take {1e3 * sum(taken.values()) / BLOCK:.2f} ms a step")
         for name, total in list(taken.items())[: chosen.kernels]:

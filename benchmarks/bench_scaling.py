@@ -128,7 +128,7 @@ def on_devices(chosen, trace: TraceOptions) -> Iterator[dict]:
             options = RenderOptions(samples=samples)
             renderer = Renderer(scene, options=options, trace=trace, devices=devices)
             began = time.perf_counter()
-            first = list(renderer.film(views))[0]
+            first = list(renderer.render_frames(views))[0]
             compiling = time.perf_counter() - began
             seconds = []
             for _ in range(3):
@@ -136,7 +136,7 @@ def on_devices(chosen, trace: TraceOptions) -> Iterator[dict]:
                 if written:
                     _write(scene, views, options, trace, devices)
                 else:
-                    hits = [frame.hits for frame in renderer.film(views)]
+                    hits = [frame.hits for frame in renderer.render_frames(views)]
                 seconds.append((time.perf_counter() - began) / len(views))
             yield record(
                 "scaling",

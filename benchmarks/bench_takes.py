@@ -62,7 +62,7 @@ class Watch(threading.Thread):
         self.takes: list[tuple[float, float]] = []
         self.states: list[dict[str, Any]] = []
         self._interval, self._ended, self._rendering = interval, threading.Event(), 0.0
-        self._film, self._render = Renderer.film, generate._render
+        self._film, self._render = Renderer.render_frames, generate._render
 
     def start(self) -> None:
         watch = self
@@ -87,7 +87,7 @@ class Watch(threading.Thread):
             watch.takes.append((taken, taken - watch._rendering))
             return rendered
 
-        Renderer.film, generate._render = film, render
+        Renderer.render_frames, generate._render = film, render
         super().start()
 
     def run(self) -> None:
@@ -98,7 +98,7 @@ class Watch(threading.Thread):
         """Stop looking."""
         self._ended.set()
         self._look()
-        Renderer.film, generate._render = self._film, self._render
+        Renderer.render_frames, generate._render = self._film, self._render
 
     def memory(self) -> dict[str, Any]:
         """Mappings and megabytes, in the middle of the samples and at the end."""

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from gaussray.io.atomic import whole
+from gaussray.io.atomic import atomic_path
 from gaussray.report.markup import Markup, tag
 from gaussray.report.page import Section, html_page, html_table
 
@@ -42,7 +42,7 @@ def write_page(
             body += [tag("h3", f"{device} ({commits})"), html_table(heads, rows)]
         sections.append(Section(bench.replace("_", " "), body))
     path = out / "report.html"
-    with whole(path) as partial:
+    with atomic_path(path) as partial:
         partial.write_text(html_page("Benchmarks", str(out), sections), encoding="utf-8")
     return path
 

@@ -50,7 +50,7 @@ LONG = (
     "reconstruct/test_scaled_motion.py",
     "reconstruct/test_previous_version.py",
     "render/test_focal_derivative.py",
-    "runtime/test_kept_programs.py",
+    "runtime/test_stored_programs.py",
     "render/aov/test_labeller.py",
     "tracer/test_trace.py",
     "tracer/test_traverse.py",
@@ -232,8 +232,8 @@ def known_sizes():
     """Lists with room for every toy: nothing is measured, and scenes that differ in numbers alone
     share what is compiled. Where they are too short after all, they grow as ever."""
     from gaussray.reconstruct import loop
+    from gaussray.reconstruct.block_sizes import BlockSizes
     from gaussray.reconstruct.simplify import measure as simplify
-    from gaussray.reconstruct.step_loss import BlockSizes
     from gaussray.render import renderer as render
     from gaussray.tracer.options import grid_levels
     from gaussray.tracer.traverse import Capacity

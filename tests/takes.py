@@ -40,7 +40,7 @@ def quick(_, cameras):
 if __name__ == "__main__":
     scene, out, number, camera = sys.argv[1:]
     if camera == "quick":
-        Renderer.film = quick
+        Renderer.render_frames = quick
     jax.config.update("jax_disable_most_optimizations", True)
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
     mortal(int(number))

@@ -29,7 +29,7 @@ from gaussray.evaluate.pipeline import EvaluateOptions
 from gaussray.io import sample_data as samples
 from gaussray.io.sample_data import sample
 from gaussray.reconstruct import plan
-from gaussray.reconstruct.auto.effort import Effort
+from gaussray.reconstruct.auto.choice import AutoChoice
 from gaussray.render.rig.rig import load_views
 from gaussray.scene.store import save_scene
 
@@ -172,7 +172,9 @@ def test_a_block_of_python_runs(text, tiny, monkeypatch):
         pytest.importorskip("torch", reason="an extra")
     if "reconstruct(" in text:
         toy.write_paired(tiny / "experiments/quickstart/capture", toy.scene())
-        monkeypatch.setattr(plan, "effort", lambda capture, *_: Effort(capture, toy.SHORT, ""))
+        monkeypatch.setattr(
+            plan, "auto_choice", lambda capture, *_: AutoChoice(capture, toy.SHORT, "")
+        )
     exec(compile(text, "page", "exec"), {})  # noqa: S102
 
 

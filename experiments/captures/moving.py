@@ -30,7 +30,7 @@ from gaussray.evaluate.pipeline import scene_size
 from gaussray.reconstruct.checks.failed_fit import FailedFit
 from gaussray.reconstruct.options import ReconstructOptions
 from gaussray.render.renderer import Renderer, RenderOptions
-from gaussray.runtime.devices import DevicesOptions, begin as start_devices
+from gaussray.runtime.devices import DevicesOptions, start_devices as start_devices
 from gaussray.tracer.trace import TraceOptions
 
 

@@ -26,7 +26,7 @@ from gaussray.reconstruct.optimize.loss import LossOptions
 from gaussray.reconstruct.options import FitOptions, ReconstructOptions
 from gaussray.reconstruct.simplify.prune import PruneOptions
 from gaussray.render.renderer import Renderer, RenderOptions
-from gaussray.runtime.devices import DevicesOptions, begin as start_devices
+from gaussray.runtime.devices import DevicesOptions, start_devices as start_devices
 from gaussray.tracer.trace import TraceOptions
 
 

@@ -45,7 +45,7 @@ from gaussray.scene.harmonics import constant_harmonics
 from gaussray.scene.scene import Scene
 from gaussray.tracer.trace import TraceOptions
 from gaussray.tracer.traverse import Capacity
-from gaussray.reconstruct.step_loss import BlockSizes
+from gaussray.reconstruct.block_sizes import BlockSizes
 
 
 SIDE, TIMES = 32, np.linspace(0, 1, 4)

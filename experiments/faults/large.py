@@ -99,7 +99,7 @@ def sequence(chosen: argparse.Namespace) -> None:
     cameras = (
         dataclasses.replace(still, time=single(i / chosen.frames)) for i in range(chosen.frames)
     )
-    for done, _ in enumerate(renderer.film(cameras), 1):
+    for done, _ in enumerate(renderer.render_frames(cameras), 1):
         if done in (1, 10) or done % (chosen.frames // 3) == 0:
             print(f"{done} frames: {held():.3f} GB, peak {peak():.3f} GB", flush=True)
 

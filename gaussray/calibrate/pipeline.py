@@ -23,7 +23,7 @@ from gaussray.capture.formats.transforms import PINHOLE_FILE
 from gaussray.capture.picture_file import check_images
 from gaussray.dataset.manifest import write_manifest
 from gaussray.io.atomic import write_json
-from gaussray.runtime.devices import leads
+from gaussray.runtime.devices import is_primary
 from gaussray.runtime.progress import Progress
 from gaussray.runtime.provenance import versions
 from gaussray.scene.scene import Scene
@@ -104,7 +104,7 @@ def calibrate(
         "seconds": round(clock.monotonic() - start, 1),
         "versions": versions(),
     }
-    if leads():
+    if is_primary():
         pinhole = effect == "pinhole" and bool(capture.views)
         every_view = capture.views if pinhole else capture.effects[effect]
         records = calibrated_records(solver, solution, every_view, effect, cameras)

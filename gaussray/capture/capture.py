@@ -11,7 +11,7 @@ from gaussray.camera.camera import Camera
 from gaussray.camera.lens import AbstractLens
 from gaussray.camera.trajectory import Trajectory
 from gaussray.capture.points import Points
-from gaussray.capture.window import Window
+from gaussray.capture.stored_part import Window
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -23,8 +23,8 @@ from gaussray.capture.picture_file import (
     shown_size,
     stored_size,
 )
+from gaussray.capture.stored_part import Window, averaged
 from gaussray.capture.videos import decode_frames, frame_of
-from gaussray.capture.window import Window, averaged
 from gaussray.color import srgb_decode, srgb_encode
 
 

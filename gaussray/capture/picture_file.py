@@ -9,8 +9,8 @@ from jaxtyping import Bool
 
 from gaussray.capture.errors import CaptureError
 from gaussray.capture.orientation import is_turned, stored_orientation, upright_pixels
+from gaussray.capture.stored_part import Window
 from gaussray.capture.videos import frame_of, read_frame, read_video
-from gaussray.capture.window import Window
 from gaussray.io.safe.files import opened
 from gaussray.io.safe.openimageio import oiio
 from gaussray.io.safe.pictures import complaint, open_picture

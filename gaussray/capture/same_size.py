@@ -6,8 +6,8 @@ from typing import Any
 
 from gaussray.capture.capture import View
 from gaussray.capture.errors import CaptureWarning
+from gaussray.capture.stored_part import Window
 from gaussray.capture.view_part import camera_of_part, part_of_view
-from gaussray.capture.window import Window
 
 
 # Pictures are cropped to their common part if that keeps this share of every picture; upright and

@@ -7,8 +7,8 @@ from typing import Any
 from gaussray.capture.capture import Capture, View
 from gaussray.capture.errors import CaptureError, CaptureWarning
 from gaussray.capture.picture_file import picture_size
+from gaussray.capture.stored_part import Window
 from gaussray.capture.view_part import camera_of_part
-from gaussray.capture.window import Window
 
 
 def at_stored_sizes(capture: Capture) -> Capture:

@@ -10,7 +10,7 @@ import numpy as np
 from gaussray.camera.camera import Camera
 from gaussray.camera.shutter import Shutter
 from gaussray.capture.capture import View
-from gaussray.capture.window import Window
+from gaussray.capture.stored_part import Window
 
 
 def part_of_view(

@@ -8,7 +8,7 @@ from gaussray.config.compose import Configuration
 from gaussray.config.options import as_type, build_options, field_value
 from gaussray.config.run_folder import begin_run_folder, changed_keys
 from gaussray.config.yaml_files import to_plain
-from gaussray.runtime.devices import DevicesOptions, begin, leads
+from gaussray.runtime.devices import DevicesOptions, is_primary, start_devices
 from gaussray.runtime.lock import lock_output
 from gaussray.runtime.progress import say
 from gaussray.runtime.provenance import given_keys
@@ -78,7 +78,7 @@ def _reconstruct(cfg: Configuration, devices: int | None) -> dict[str, Any]:
         demand_same_capture(Path(cfg.out), capture)
     demand_training_pictures(capture)
     out = begin_run_folder(cfg)
-    if leads() and not cfg.quiet:
+    if is_primary() and not cfg.quiet:
         say(division_sentence(capture, list(cfg.capture.test) != ["auto"]))
     scene = reconstruct(
         capture,
@@ -114,7 +114,7 @@ def _tensorboard(cfg: Configuration, out: Path) -> Callable[[dict[str, Any]], No
     """A function that logs scalars for TensorBoard, None if it is off."""
     from gaussray.runtime.tensorboard import tensorboard
 
-    return tensorboard(out / "tensorboard") if cfg.tensorboard and leads() else None
+    return tensorboard(out / "tensorboard") if cfg.tensorboard and is_primary() else None
 
 
 def _render(cfg: Configuration, devices: int | None) -> dict[str, Any]:
@@ -154,7 +154,7 @@ def view(cfg: Configuration, overrides: Sequence[str]) -> None:
     """
     from gaussray.viewer.serve import serve
 
-    begin(build_options(DevicesOptions, cfg.devices))
+    start_devices(build_options(DevicesOptions, cfg.devices))
     server = serve(cfg, overrides)
     _say(
         f"{server.url} shows {cfg.scene}. The first pictures take longer, until their programs are "
@@ -331,7 +331,7 @@ def _demo(cfg: Configuration, devices: int | None) -> dict[str, Any]:
 
 def _say(text: str, **facts: Any) -> None:
     """Print the result of a command, once for all processes."""
-    if leads():
+    if is_primary():
         say(text, "result", **facts)
 
 

@@ -14,7 +14,7 @@ from gaussray.io.atomic import write_json
 from gaussray.io.sample_data import sample
 from gaussray.reconstruct.pipeline import ReconstructOptions, reconstruct
 from gaussray.render.renderer import RenderOptions
-from gaussray.runtime.devices import leads
+from gaussray.runtime.devices import is_primary
 from gaussray.runtime.progress import say
 from gaussray.tracer.trace import TraceOptions
 
@@ -95,7 +95,7 @@ def demo(
         "evaluate": round(clock.monotonic() - reconstructed, 1),
         "total": round(clock.monotonic() - began, 1),
     }
-    if not leads():
+    if not is_primary():
         return report
     # The scores of the training views are a row of the report, not a folder.
     shutil.rmtree(out / "train", ignore_errors=True)

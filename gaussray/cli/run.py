@@ -16,7 +16,13 @@ from gaussray.config.compose import compose_config
 from gaussray.config.options import build_options
 from gaussray.config.suggest import did_you_mean
 from gaussray.io.safe.limits import Limits, limit
-from gaussray.runtime.devices import DevicesOptions, begin, leads, leave, together
+from gaussray.runtime.devices import (
+    DevicesOptions,
+    exit_process,
+    is_distributed,
+    is_primary,
+    start_devices,
+)
 from gaussray.runtime.lock import release_locks
 from gaussray.runtime.output import emit
 from gaussray.runtime.progress import (
@@ -116,9 +122,9 @@ def _run(command: str, overrides: Sequence[str]) -> None:
     if command == "view":
         view(cfg, overrides)
         return
-    report = RUN[command](cfg, begin(build_options(DevicesOptions, cfg.devices))) or {}
+    report = RUN[command](cfg, start_devices(build_options(DevicesOptions, cfg.devices))) or {}
     out = Path(str(cfg.out))
-    if leads() and (out / RUN_RECORD).is_file():
+    if is_primary() and (out / RUN_RECORD).is_file():
         record_duration(out, time.monotonic() - began)
         if cfg.get("report"):
             _write_report(command, out, report)
@@ -154,14 +160,14 @@ def _fail(message: str, code: int = 2) -> None:
     emit(f"gaussray: {message}\n", sys.stderr)
     if style() == "json":
         say(message, "error", code=code)
-    leave(code)
+    exit_process(code)
 
 
 def _raise_bug(error: Exception) -> None:
     """Raise an unexpected error with its traceback. With several processes, this one exits at once,
     so that the others do not wait for it."""
     end_line()
-    if not together():
+    if not is_distributed():
         raise error
     traceback.print_exception(error)
-    leave(1)
+    exit_process(1)

@@ -9,9 +9,9 @@ from omegaconf import OmegaConf
 from yaml import YAMLError
 
 from gaussray.config.compose import Configuration
-from gaussray.io.atomic import whole
+from gaussray.io.atomic import atomic_path
 from gaussray.io.safe.files import read_text
-from gaussray.runtime.devices import leads
+from gaussray.runtime.devices import is_primary
 from gaussray.runtime.lock import lock_output
 from gaussray.runtime.provenance import record_start
 
@@ -69,8 +69,8 @@ def begin_run_folder(cfg: Configuration, without: Sequence[str] = (), part: str 
         (OmegaConf.select(recorded, parent) if parent else recorded).pop(name)
     try:
         out.mkdir(parents=True, exist_ok=True)
-        if leads():
-            with whole(out / "config.yaml") as partial:
+        if is_primary():
+            with atomic_path(out / "config.yaml") as partial:
                 partial.write_text(OmegaConf.to_yaml(recorded))
             # Processes that share a folder write equal files; the time and the command differ.
             if not without:

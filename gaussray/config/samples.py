@@ -30,7 +30,7 @@ from gaussray.render.randomize.generate import (
 )
 from gaussray.render.randomize.options import DrawOptions
 from gaussray.render.rig import rig as rigs
-from gaussray.runtime.devices import DevicesOptions, begin, together
+from gaussray.runtime.devices import DevicesOptions, is_distributed, start_devices
 from gaussray.scene.formats.any_file import load
 from gaussray.tracer.options import TraceOptions
 
@@ -122,8 +122,8 @@ def render_shard(overrides: Sequence[str], cfg: Configuration) -> int:
         ValueError: several hosts are to share a frame.
     """
     limit(build_options(Limits, cfg.limits))
-    devices = begin(build_options(DevicesOptions, cfg.devices))
-    if together():
+    devices = start_devices(build_options(DevicesOptions, cfg.devices))
+    if is_distributed():
         raise ValueError(
             "devices.hosts must be 1 with dataset.count: processes share the samples by "
             "dataset.shard."

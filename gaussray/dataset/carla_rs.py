@@ -7,7 +7,7 @@ import numpy as np
 from gaussray.camera.imu import ImuOptions, camera_velocity
 from gaussray.dataset.camera_paths import path_of_frames
 from gaussray.dataset.sample_files import SampleFiles
-from gaussray.io.atomic import whole
+from gaussray.io.atomic import atomic_path
 
 
 # Frames of a sequence that the loader reads.
@@ -32,7 +32,7 @@ def write_carla_rs(source: SampleFiles, out: Path, units: ImuOptions) -> int:
         for label, short in (("global_first", "f"), ("global_middle", "m")):
             source.copy(source.file(frame, label), folder / f"{i:04d}_gs_{short}.png")
     values = " ".join(f"{x:.9g}" for x in _first_motion(source, units))
-    with whole(folder / "gt_vel.log") as partial:
+    with atomic_path(folder / "gt_vel.log") as partial:
         partial.write_text(f"{_HEAD}{values}\n", encoding="utf-8")
     return min(len(source.frames), _FRAMES)
 

@@ -10,7 +10,7 @@ from jaxtyping import Bool
 
 from gaussray.dataset.layers import read_integers
 from gaussray.dataset.sample_files import SampleFiles
-from gaussray.io.atomic import whole
+from gaussray.io.atomic import atomic_path
 
 
 # The label `group` numbers rigid bodies from here on.
@@ -52,7 +52,7 @@ def write_coco(samples: Iterable[SampleFiles], out: Path) -> int:
         "annotations": annotations,
         "categories": [_CATEGORY],
     }
-    with whole(out / "instances.json") as partial:
+    with atomic_path(out / "instances.json") as partial:
         partial.write_text(json.dumps(document) + "\n", encoding="utf-8")
     return len(images)
 

@@ -12,7 +12,7 @@ import yaml
 from gaussray.camera.imu import ImuOptions, ImuSamples, imu_samples
 from gaussray.dataset.camera_paths import path_of_frames
 from gaussray.dataset.sample_files import SampleFiles
-from gaussray.io.atomic import whole
+from gaussray.io.atomic import atomic_path
 
 
 # Nanoseconds in a second.
@@ -142,7 +142,7 @@ def _identity() -> dict[str, Any]:
 
 
 def _write(path: Path, lines: Sequence[str]) -> None:
-    with whole(path) as partial:
+    with atomic_path(path) as partial:
         partial.write_text("\n".join([*lines, ""]), encoding="utf-8")
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from gaussray.dataset.sample_files import SampleFiles
-from gaussray.io.atomic import whole
+from gaussray.io.atomic import atomic_path
 
 
 def write_image_folder(samples: Iterable[SampleFiles], out: Path) -> int:
@@ -35,7 +35,7 @@ def write_image_folder(samples: Iterable[SampleFiles], out: Path) -> int:
             line |= {"width": frame["w"], "height": frame["h"], "camera": frame["camera"]}
             line |= {"transform_matrix": frame["transform_matrix"], "entry": json.dumps(entry)}
             lines.append(json.dumps(line))
-    with whole(folder / "metadata.jsonl") as partial:
+    with atomic_path(folder / "metadata.jsonl") as partial:
         partial.write_text("\n".join([*lines, ""]), encoding="utf-8")
     return len(lines)
 
@@ -46,7 +46,7 @@ def _labels(source: SampleFiles, frame: dict[str, Any], name: str, folder: Path)
     for label in frame.get("labels", {}):
         path = source.file(frame, label)
         target = f"{label}/{name}{path.suffix}"
-        with whole(folder / target) as partial:
+        with atomic_path(folder / target) as partial:
             shutil.copyfile(path, partial)
         columns[f"{label}_file_name" if path.suffix == ".png" else label] = target
     return columns

@@ -11,7 +11,7 @@ from jaxtyping import Array, UInt8
 
 from gaussray.color import srgb_encode
 from gaussray.dataset.levels import host_levels, require_finite, srgb_table
-from gaussray.io.atomic import whole
+from gaussray.io.atomic import atomic_path
 from gaussray.io.safe.openimageio import oiio
 
 
@@ -212,7 +212,7 @@ def write_pixels(path: Path, image: np.ndarray, spec: "oiio.ImageSpec") -> None:
         spec["compression"] = _ZIP_FLOAT if spec.format == oiio.FLOAT else _ZIP_HALF
     elif spec.format == oiio.UINT8:
         spec["png:filter"], spec["compression"] = _PAETH, "rle"
-    with whole(path) as partial:
+    with atomic_path(path) as partial:
         file = oiio.ImageOutput.create(str(partial))
         if file is None:
             raise OSError(f"{path}: the picture cannot be written: {oiio.geterror()}")

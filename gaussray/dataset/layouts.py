@@ -16,7 +16,7 @@ from gaussray.dataset.optical_flow import write_flo, write_kitti_flow
 from gaussray.dataset.sample_files import SampleFiles
 from gaussray.dataset.takes import MANIFEST, read_frames
 from gaussray.geometry import BLENDER_AXES
-from gaussray.io.atomic import whole
+from gaussray.io.atomic import atomic_path
 from gaussray.io.safe.openimageio import oiio
 
 
@@ -117,7 +117,7 @@ def _fastec_rs(source: SampleFiles, out: Path, _: int) -> int:
         for label in ("global_first", "global_middle"):
             source.copy(source.file(frame, label), folder / f"{i:03d}_{label}.png")
     # The loader looks for folders with this file and does not read it.
-    with whole(folder / "meta.log") as partial:
+    with atomic_path(folder / "meta.log") as partial:
         partial.write_text(f"{source.name}\n", encoding="utf-8")
     return min(len(source.frames), _FASTEC_FRAMES)
 
@@ -171,7 +171,7 @@ def _tum(source: SampleFiles, out: Path, _: int) -> int:
         values = " ".join(f"{x:.9f}" for x in (*matrix[:3, 3], *turn))
         lists["groundtruth"].append(f"{time} {values}")
     for name, lines in lists.items():
-        with whole(folder / f"{name}.txt") as partial:
+        with atomic_path(folder / f"{name}.txt") as partial:
             partial.write_text("\n".join([*lines, ""]), encoding="utf-8")
     return len(source.frames)
 

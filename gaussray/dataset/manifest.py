@@ -16,9 +16,9 @@ from gaussray.camera.film import Film
 from gaussray.camera.focus_pull import FocusPull
 from gaussray.camera.trajectory import pose_at
 from gaussray.geometry import BLENDER_AXES, rotation_matrix
-from gaussray.io.atomic import whole
+from gaussray.io.atomic import atomic_path
 from gaussray.io.json_numbers import json_numbers
-from gaussray.runtime.kept_programs import KeptProgram
+from gaussray.runtime.stored_programs import KeptProgram
 
 
 _FRAME_KEYS = ("file_path", "transform_matrix", "trajectory", "time", "camera", "split", "labels")
@@ -111,10 +111,10 @@ def write_manifest(
         raise ValueError(f"{path}: every number written must be finite, got {error}.") from error
     tables = {name: rays for entry in listed for name, rays in entry.tables.items()}
     for name, rays in tables.items():
-        with whole(path.parent / name) as partial:
+        with atomic_path(path.parent / name) as partial:
             np.savez_compressed(partial, rays=rays)
     text = "\n".join(["{", *lines, ' "frames": [', "  " + ",\n  ".join(texts), " ]", "}", ""])
-    with whole(path) as partial:
+    with atomic_path(path) as partial:
         partial.write_text(text, encoding="utf-8")
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gaussray.dataset.images import write_pixels
-from gaussray.io.atomic import whole
+from gaussray.io.atomic import atomic_path
 from gaussray.io.safe.openimageio import oiio
 
 
@@ -48,5 +48,5 @@ def write_flo(path: Path | str, flow: Float[np.ndarray, "h w 2"]) -> None:
     """
     values = np.where(np.isnan(flow).any(axis=-1, keepdims=True), _FLO_UNKNOWN, flow)
     head = _FLO_TAG.tobytes() + np.array(flow.shape[1::-1], "<i4").tobytes()
-    with whole(path) as partial:
+    with atomic_path(path) as partial:
         partial.write_bytes(head + values.astype("<f4").tobytes())

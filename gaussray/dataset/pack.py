@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from gaussray.dataset.takes import MANIFEST, read_frames
-from gaussray.io.atomic import whole
+from gaussray.io.atomic import atomic_path
 from gaussray.io.safe.files import inside, opened
 
 
@@ -40,7 +40,10 @@ def pack(data: Path | str, out: Path | str, *, frames_per_tar: int = 1000) -> li
     following = next(frames, None)
     while following is not None:
         path = out / f"{len(written):06d}.tar"
-        with whole(path) as partial, tarfile.open(partial, "w", format=tarfile.USTAR_FORMAT) as tar:
+        with (
+            atomic_path(path) as partial,
+            tarfile.open(partial, "w", format=tarfile.USTAR_FORMAT) as tar,
+        ):
             last = following[0] + frames_per_tar
             while following is not None and following[0] < last:
                 _add(tar, data, *following[1])

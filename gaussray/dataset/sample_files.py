@@ -8,7 +8,7 @@ import numpy as np
 
 from gaussray.dataset.layers import read_layers
 from gaussray.dataset.takes import MANIFEST
-from gaussray.io.atomic import whole
+from gaussray.io.atomic import atomic_path
 from gaussray.io.safe.files import inside
 
 
@@ -52,7 +52,7 @@ class SampleFiles:
         """
         if source.suffix != ".png":
             raise self.missing_error("PNG pictures", "format=png")
-        with whole(target) as partial:
+        with atomic_path(target) as partial:
             shutil.copyfile(source, partial)
 
     def flow(self, frame: dict[str, Any]) -> np.ndarray:

@@ -14,7 +14,7 @@ import numpy as np
 from gaussray.camera.camera import Camera
 from gaussray.camera.shutter import row_moments
 from gaussray.dataset.manifest import FrameRecord
-from gaussray.io.atomic import sweep, whole
+from gaussray.io.atomic import atomic_path, remove_partial_files
 from gaussray.io.json_numbers import json_numbers
 from gaussray.io.safe.files import opened, parse_json, read_json
 from gaussray.io.safe.limits import limits, within
@@ -86,7 +86,7 @@ def write_take(folder: Path, facts: Mapping[str, Any], records: Sequence[FrameRe
     """
     made_by = {"gaussray": version("gaussray"), "git": _commit()}
     line = json.dumps({**_json(facts), **made_by, **_frame_facts(folder, records)}, allow_nan=False)
-    with whole(folder / LINE) as partial:
+    with atomic_path(folder / LINE) as partial:
         partial.write_text(line + "\n", encoding="utf-8")
 
 
@@ -121,9 +121,9 @@ def write_takes(data: Path, count: int) -> int:
     there = sorted((data / folder_of(0)).parent.glob(f"[0-9]*/{LINE}"), key=_index_of)
     missing = count - sum(_index_of(line) < count for line in there)
     if not missing:
-        sweep(data)
+        remove_partial_files(data)
     if there:
-        with whole(data / MANIFEST) as partial, partial.open("w", encoding="utf-8") as file:
+        with atomic_path(data / MANIFEST) as partial, partial.open("w", encoding="utf-8") as file:
             for line in there:
                 file.write(line.read_text(encoding="utf-8"))
     return missing

@@ -11,7 +11,7 @@ from av.video.reformatter import ColorRange, Colorspace
 from jaxtyping import Array
 
 from gaussray.dataset.images import enlarge, srgb_levels
-from gaussray.io.atomic import whole
+from gaussray.io.atomic import atomic_path
 
 
 # Without these options one file in 800 differs from the others of the same pictures, if sides are
@@ -44,7 +44,7 @@ def write_video(
         raise ValueError(f"fps must be positive and finite, got {fps}.")
     if path.suffix != ".mp4":
         raise ValueError(f"{path}: a video's suffix must be .mp4, got {path.suffix!r}.")
-    with whole(path) as partial:
+    with atomic_path(path) as partial:
         try:
             with av.open(str(partial), "w", options={"movflags": "faststart"}) as container:
                 _encode(path, container, frames, fps, least)

@@ -24,10 +24,10 @@ from gaussray.evaluate.metrics import psnr, ssim
 from gaussray.evaluate.options import EvaluateOptions as EvaluateOptions
 from gaussray.evaluate.perceptual import perceptual_metrics
 from gaussray.evaluate.scores import summary
-from gaussray.io.atomic import demand, sweep, whole, write_json
+from gaussray.io.atomic import atomic_path, check_files_exist, remove_partial_files, write_json
 from gaussray.render.frame import Frame
 from gaussray.render.renderer import Renderer, RenderOptions
-from gaussray.runtime.devices import agreed, cores, leads
+from gaussray.runtime.devices import cores, from_primary, is_primary
 from gaussray.runtime.lock import locks_output
 from gaussray.runtime.progress import Progress
 from gaussray.runtime.provenance import versions
@@ -81,12 +81,12 @@ def evaluate(
     Raises:
         ValueError: If an effect is unknown, or no frame is chosen.
     """
-    if not leads():
+    if not is_primary():
         return _shared_report(None)
     out, options, trace = Path(out), options or EvaluateOptions(), trace or TraceOptions()
     groups = {"pinhole": truth.views, **truth.effects}
     chosen = _chosen_views(truth.folder, groups, options)
-    sweep(out, deep=True)
+    remove_partial_files(out, deep=True)
     evaluation = _Evaluation(out, truth, chosen, options, quiet)
     for effect, views in chosen.items():
         sampling = dataclasses.replace(render or RenderOptions(), samples=options.samples(effect))
@@ -185,7 +185,7 @@ class _Evaluation:
                 score = partial(self._scored, pixels)
                 for view, scored in zip(some, threads.map(score, some, frames), strict=True):
                     add(view, scored)
-        demand(self.out, self.written)
+        check_files_exist(self.out, self.written)
         for camera, files in films.items():
             self.written.append(f"{effect}/{camera}.mp4")
             write_video(self.out / self.written[-1], map(_truth_and_ours, files), fps=8)
@@ -204,11 +204,11 @@ class _Evaluation:
 
     def write(self, scene: Scene | Clip) -> dict[str, Any]:
         """Write contact sheet, scores and report, and return the report."""
-        demand(self.out, self.written)
+        check_files_exist(self.out, self.written)
         self.report["scene"] = scene_size(scene)
         self.report["versions"] = versions()
         write_image(self.out / "contact_sheet.png", contact_sheet(self.sheet, least=256))
-        with whole(self.out / SCORES) as partial:
+        with atomic_path(self.out / SCORES) as partial:
             partial.write_text("".join(json.dumps(line) + "\n" for line in self.lines))
         write_json(self.out / "report.json", self.report)
         return self.report
@@ -265,8 +265,8 @@ def _file(view: View) -> str:
 def _shared_report(report: dict[str, Any] | None) -> dict[str, Any]:
     """Host 0's report, on every host."""
     text = np.frombuffer(json.dumps(report).encode(), np.uint8)
-    size = int(agreed(np.array(len(text))))
-    text = agreed(text if leads() else np.zeros(size, np.uint8))
+    size = int(from_primary(np.array(len(text))))
+    text = from_primary(text if is_primary() else np.zeros(size, np.uint8))
     return json.loads(np.asarray(text).tobytes())
 
 

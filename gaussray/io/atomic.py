@@ -13,7 +13,7 @@ PART = ".part"
 
 
 @contextlib.contextmanager
-def whole(path: Path | str) -> Iterator[Path]:
+def atomic_path(path: Path | str) -> Iterator[Path]:
     """A temporary path beside `path`, which replaces `path` at the end of the block.
 
     The temporary file has the same suffix. Missing folders are created. If the block raises, the
@@ -49,17 +49,17 @@ def write_json(path: Path | str, value: dict[str, Any]) -> None:
         path: the file; missing folders are made.
         value: what it holds, values that JSON can hold.
     """
-    with whole(path) as partial:
+    with atomic_path(path) as partial:
         partial.write_text(json.dumps(value, indent=2) + "\n")
 
 
-def settle(path: Path) -> None:
+def flush_to_disk(path: Path) -> None:
     """Wait until a file is on the disk, so that a power cut leaves the old file or the new one."""
     with open(path, "rb") as file:
         os.fsync(file.fileno())
 
 
-def sweep(folder: Path, *, deep: bool = False) -> None:
+def remove_partial_files(folder: Path, *, deep: bool = False) -> None:
     """Remove the unfinished files of killed processes.
 
     Args:
@@ -71,7 +71,7 @@ def sweep(folder: Path, *, deep: bool = False) -> None:
             partial.unlink()
 
 
-def demand(out: Path, files: Sequence[str]) -> None:
+def check_files_exist(out: Path, files: Sequence[str]) -> None:
     """Check at the end of a command that the files it wrote still exist.
 
     Args:

@@ -9,7 +9,7 @@ from jaxtyping import Float, UInt8
 
 from gaussray.capture.formats.poses import opengl_pose
 from gaussray.capture.world_origin import MAP_COORDINATE
-from gaussray.io.atomic import whole
+from gaussray.io.atomic import atomic_path
 from gaussray.prepare.masks import written_mask
 from gaussray.prepare.poses import Placement
 from gaussray.prepare.timeline import Timeline
@@ -97,7 +97,7 @@ def write_points(
     kinds = {"<f4": "float", "<f8": "double", "u1": "uchar"}
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
     header += [f"property {kinds[kind]} {name}" for name, kind in columns] + ["end_header", ""]
-    with whole(path) as partial:
+    with atomic_path(path) as partial:
         partial.write_bytes("\n".join(header).encode() + table.tobytes())
 
 

@@ -11,7 +11,7 @@ from jaxtyping import Shaped
 
 from gaussray.capture.orientation import TRANSPOSED, stored_orientation, upright_pixels
 from gaussray.capture.picture_file import open_image, read_levels
-from gaussray.io.atomic import whole
+from gaussray.io.atomic import atomic_path
 from gaussray.io.safe.limits import within
 from gaussray.io.safe.openimageio import oiio
 from gaussray.io.safe.pictures import complaint
@@ -78,7 +78,7 @@ def copied_photograph(source: Path, folder: Path) -> Path:
             levels = read_levels(source, spec.width, spec.height)
             levels = upright_pixels(levels, stored_orientation(spec))
             tags = {name: spec.getattribute(name) for name in (*_MAKER, *_FOCAL)}
-        with whole(target) as partial:
+        with atomic_path(target) as partial:
             _write_jpeg(partial, levels, tags)
             shutil.copystat(source, partial)
     return target
@@ -92,7 +92,7 @@ def copy_changed(source: Path, target: Path) -> None:
         target: Its copy.
     """
     if not (_is_of(target, source) and target.stat().st_size == source.stat().st_size):
-        with whole(target) as partial:
+        with atomic_path(target) as partial:
             shutil.copy2(source, partial)
 
 

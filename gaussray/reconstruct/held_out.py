@@ -1,22 +1,28 @@
 """PSNR of held-out tiles."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import cache
 from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import numpy as np
 from jax.sharding import NamedSharding, PartitionSpec
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from gaussray.camera.array import CameraSet
 from gaussray.camera.camera import Camera
 from gaussray.color import psnr_from_mse
+from gaussray.reconstruct.block_sizes import BlockSizes
 from gaussray.reconstruct.data.batches import Batch
+from gaussray.reconstruct.data.held_out_tiles import held_out_batches
+from gaussray.reconstruct.data.pictures import Footage
 from gaussray.reconstruct.optimize.state import State
-from gaussray.reconstruct.step_loss import BlockSizes, StepOptions, loss_of
-from gaussray.runtime.devices import everywhere
+from gaussray.reconstruct.session import Session
+from gaussray.reconstruct.step_loss import StepOptions, loss_of
+from gaussray.reconstruct.step_setup import first_sizes, sizes_key, step_options
+from gaussray.runtime.devices import from_primary, replicate
 
 
 class _Error(NamedTuple):
@@ -72,7 +78,7 @@ def held_out_psnr(
     """
     errors, weights = [], []
     for batch in batches:
-        drawn = everywhere(batch, sizes.mesh)
+        drawn = replicate(batch, sizes.mesh)
         while True:
             mse, needed, dropped = _square_error(
                 state, views, drawn, cameras, options=options, sizes=sizes
@@ -86,6 +92,58 @@ def held_out_psnr(
     if 2 * len(errors) < len(batches) or not sum(weights):
         return math.nan
     return psnr_from_mse(float(np.average(errors, weights=weights)))
+
+
+def held_out_score(
+    session: Session,
+    state: State,
+    seen: Footage | None = None,
+    held: Bool[np.ndarray, "frames tiles"] | None = None,
+) -> float:
+    """PSNR in dB of tiles that no step has drawn, after a fit.
+
+    Args:
+        session: the segment.
+        state: what is scored.
+        seen: the training pictures, perhaps with fewer pixels that count; None: those of the
+            session.
+        held: the tiles; None: those that the session holds out.
+
+    Raises:
+        ValueError: there are no such tiles.
+    """
+    seen, held = seen or session.footage, session.held_out if held is None else held
+    if held is None or not held.any():
+        raise ValueError("fit.validate must be above 0 for tiles to be held out.")
+    views, cameras = replicate((session.footage.camera, session.cameras), session.mesh)
+    batches = held_out_batches(seen, held, session.options.fit.tiles)
+    sizes = session.shared.known(sizes_key(session, "fine", state))
+    sizes = sizes or first_sizes(session, state, jax.tree.map(lambda *x: np.stack(x), *batches))
+    known, options = (
+        replicate(from_primary(state), session.mesh),
+        step_options(session, "fine"),
+    )
+    return held_out_psnr(known, views, batches, cameras, options=options, sizes=sizes, enlarge=True)
+
+
+def held_out_scorer(
+    session: Session, stage: str, views: Camera, cameras: CameraSet
+) -> Callable[[State, BlockSizes], float] | None:
+    """The PSNR of the held-out tiles as a function of the state; None if there are none."""
+    if session.held_out is None:
+        return None
+    held, options = session.held_out, step_options(session, stage)
+
+    @cache
+    def batches() -> list[Batch]:
+        # Only timed stages look at them.
+        return held_out_batches(session.footage, held, session.options.fit.tiles)
+
+    def score(state: State, sizes: BlockSizes) -> float:
+        known = replicate(state, session.mesh)
+        return held_out_psnr(known, views, batches(), cameras, options=options, sizes=sizes)
+
+    return score
 
 
 def _distinct_pixels(batch: Batch) -> int:

@@ -35,7 +35,7 @@ from gaussray.reconstruct.passing_shadows import passing_shadows
 from gaussray.reconstruct.run_progress import KnownBodies, RunProgress
 from gaussray.reconstruct.session import Session
 from gaussray.reconstruct.start import may_move
-from gaussray.runtime.devices import agreed
+from gaussray.runtime.devices import from_primary
 from gaussray.scene.bodies import Bodies, Poses, body_of, extrapolate_bodies
 from gaussray.scene.control_points import ControlPoints
 from gaussray.scene.deformation import Deformation, initial_deformation
@@ -74,9 +74,9 @@ def with_motion(session: Session, state: State, progress: RunProgress) -> tuple[
         moved = _unexplained(session, state) if session.still_first else None
         clouds = _clouds(session, parameters, moved)
     if session.at_rest:
-        control = agreed(_control_points_at_rest(session, parameters.moving))
+        control = from_primary(_control_points_at_rest(session, parameters.moving))
     if fit.control and (session.has_videos or session.still_first):
-        control = agreed(_control_points(session, clouds, moved))
+        control = from_primary(_control_points(session, clouds, moved))
     if control is not None and session.still_first:
         parameters, progress = _with_followers(session, parameters, clouds[0], progress)
     if fit.deforms:
@@ -87,7 +87,12 @@ def with_motion(session: Session, state: State, progress: RunProgress) -> tuple[
         progress = replace(progress, moved=moved.tile_counts())
         session.loader.sampler.see_moved(moved.tile_counts())
     static, moving, corrections = parameters.static, parameters.moving, parameters.corrections
-    own = deformation, corrections, transient, agreed(passing_shadows(session, static))
+    own = (
+        deformation,
+        corrections,
+        transient,
+        from_primary(passing_shadows(session, static)),
+    )
     return begin_state(Parameters(static, moving, *own)), progress
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from gaussray.capture.capture import Capture
-from gaussray.io.atomic import whole
+from gaussray.io.atomic import atomic_path
 from gaussray.io.validate import check_kind
 from gaussray.reconstruct.checks.failed_fit import demand_success
 from gaussray.reconstruct.data.training_split import demand_training_pictures
@@ -25,7 +25,7 @@ from gaussray.reconstruct.segment_fit import (
 from gaussray.reconstruct.session import Session, hand_over
 from gaussray.reconstruct.shared_results import SharedResults
 from gaussray.reconstruct.simplify.summary import clip_report, summary_line
-from gaussray.runtime.devices import leads, wait
+from gaussray.runtime.devices import barrier, is_primary
 from gaussray.runtime.lock import locks_output
 from gaussray.runtime.progress import tell
 from gaussray.scene.scene import Scene
@@ -95,33 +95,33 @@ def reconstruct(
     rule = "gaussray.ReconstructOptions(fit=gaussray.FitOptions(...), ...)"
     check_kind("options", options, (ReconstructOptions, type(None)), rule)
     demand_training_pictures(capture)
-    out, quiet = Path(out), quiet or not leads()
+    out, quiet = Path(out), quiet or not is_primary()
     options = ReconstructOptions() if options is None else options
     interval = options.fit.checkpoint
     if resume:
         demand_same_capture(out, capture)
-    log = RunLog(out, resume=resume, interval=interval, writes=leads(), listener=listener)
-    if leads():
+    log = RunLog(out, resume=resume, interval=interval, writes=is_primary(), listener=listener)
+    if is_primary():
         write_capture_facts(out, capture)
     plan = fit_plan(
         capture, options, out, fitted_state, resume=resume, devices=devices, quiet=quiet
     )
-    state, progress = log.resumed() if resume else (None, RunProgress(segments=len(plan.course)))
-    _demand_same_segments(progress, len(plan.course))
-    files = _scene_files(out, len(plan.course))
+    state, progress = log.resumed() if resume else (None, RunProgress(segments=len(plan.segments)))
+    _demand_same_segments(progress, len(plan.segments))
+    files = _scene_files(out, len(plan.segments))
     finished = files[: progress.segment - 1]
     scenes: list[Any] = [load_scene(path) for path in finished]
     reports = [scene_info(path) for path in finished]
     # What trials found out is kept for the first segment alone.
     shared, plan = plan.shared, plan._replace(shared=SharedResults())
-    for times, file in zip(plan.course[len(finished) :], files[len(finished) :], strict=True):
+    for times, file in zip(plan.segments[len(finished) :], files[len(finished) :], strict=True):
         session = Session(plan.capture, log, plan.options, quiet, devices, times, shared=shared)
         tell(session.equalization.sentence if session.equalization else "", quiet)
         state, progress = fitted_state(session, state, progress)
         scene, report = pruned_segment(session, state, progress, devices)
         report |= {"trial": plan.scores} if plan.scores else {}
         demand_success(scene, report, plan.capture, plan.options.fit.start)
-        if leads():
+        if is_primary():
             _save(file, scene, report)
             if file == files[0]:
                 write_refined_cameras(out / "cameras.json", session, state)
@@ -140,10 +140,10 @@ def reconstruct(
     result, report = scenes[0], reports[0]
     if len(scenes) > 1:
         result, report = Clip(tuple(scenes)), clip_report(reports)
-    if leads():
+    if is_primary():
         _finish(out, result, report, files, quiet)
         log.checkpoint.unlink(missing_ok=True)
-    wait("reconstructed")
+    barrier("reconstructed")
     return result
 
 
@@ -163,7 +163,7 @@ def _finish(
         _save(out / "scene.npz", result, report)
         name = f"the clip of {len(files)} segments"
         tell(summary_line(report, name) if "after" in report else "", quiet)
-    with whole(out / "requirement.json") as partial:
+    with atomic_path(out / "requirement.json") as partial:
         partial.write_text(json.dumps(report, indent=2) + "\n")
     if len(files) > 1:
         _remove(files)

@@ -18,7 +18,7 @@ from gaussray.reconstruct.optimize.free_space import FreeBalls
 STAGES = ("coarse", "begin", "fine")
 
 
-class Course(eqx.Module):
+class StageSchedule(eqx.Module):
     """How much of a stage is done at its steps: a `share` at the step `begin`, then steadily more,
     and all after `steps`, which are more than `begin`. Compiled steps get it as arrays."""
 
@@ -60,7 +60,7 @@ class RunProgress(eqx.Module):
             the segment. They are the first rows; they stay even if no ray ever meets them.
         limit: the largest numbers of static and of moving Gaussians that density control may reach.
         most: the largest number of Gaussians of both kinds together, in every segment.
-        planned: the course of a stage that takes a given time; None until its pace is known.
+        planned: the schedule of a stage that takes a given time; None until its pace is known.
         bodies: the rigid bodies of the segment before; None in the first segment.
         sizes: what the last block of steps was compiled for; None before the first block.
         tile_errors: the errors that the sampler has seen; None if fit.error_share is 0.
@@ -76,7 +76,7 @@ class RunProgress(eqx.Module):
     initial: tuple[int, int] = eqx.field(static=True, default=(0, 0))
     limit: tuple[int, int] = eqx.field(static=True, default=(0, 0))
     most: int = eqx.field(static=True, default=0)
-    planned: Course | None = eqx.field(static=True, default=None)
+    planned: StageSchedule | None = eqx.field(static=True, default=None)
     bodies: KnownBodies | None = None
     sizes: SavedSizes | None = None
     tile_errors: TileErrorState | None = None
@@ -140,17 +140,17 @@ def progress_from_json(block: dict[str, Any], tile_errors: TileErrorState | None
     )
 
 
-def _course(block: Any) -> Course | None:
+def _course(block: Any) -> StageSchedule | None:
     """A number alone, as earlier versions wrote it, is that of all steps; 0: not known yet."""
     if not block:
         return None
     numbers: Any = block if isinstance(block, list) and len(block) == 3 else (block, 0, 0.0)
     steps, begin, share = numbers
     if not _are_counts([steps], 1) or not _are_counts([begin], 0) or begin >= steps:
-        raise ValueError("'planned' must be a number of steps, or the course of a stage")
+        raise ValueError("'planned' must be a number of steps, or the schedule of a stage")
     if not isinstance(share, float) or not 0 <= share <= 1:
         raise ValueError("'planned' must hold a share of the stage from 0 to 1")
-    return Course(steps, begin, share)
+    return StageSchedule(steps, begin, share)
 
 
 def _bodies(block: Any) -> KnownBodies | None:

@@ -22,7 +22,7 @@ from gaussray.reconstruct.optimize.rows import occupied, take_rows, with_rows
 from gaussray.reconstruct.optimize.state import State, begin_state
 from gaussray.reconstruct.run_progress import RunProgress
 from gaussray.reconstruct.session import Session
-from gaussray.runtime.devices import agreed
+from gaussray.runtime.devices import from_primary
 from gaussray.scene.gaussians import Gaussians, Unconstrained, constrain, unconstrain
 
 
@@ -120,7 +120,7 @@ def may_move(
     if len(session.times) == 1 or not (deforms or (told and not session.is_continuation)):
         return np.zeros(len(position), bool)
     changing = point_activity(session.footage, position) > session.options.fit.moving_threshold
-    moves = np.array(agreed(changing))
+    moves = np.array(from_primary(changing))
     if not told:
         moves[:] = True
     return moves

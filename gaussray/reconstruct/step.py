@@ -11,6 +11,7 @@ from jaxtyping import Array, Int
 
 from gaussray.camera.array import CameraSet, pixel_spacing
 from gaussray.camera.camera import Camera
+from gaussray.reconstruct.block_sizes import BlockSizes
 from gaussray.reconstruct.data.batches import Batch
 from gaussray.reconstruct.optimize import relocation
 from gaussray.reconstruct.optimize.learning_rates import CaptureScale, rates
@@ -18,20 +19,19 @@ from gaussray.reconstruct.optimize.optimizer import descend, scene_of, with_cost
 from gaussray.reconstruct.optimize.scale_bounds import scale_bounds, with_scale_bounds
 from gaussray.reconstruct.optimize.smooth_motion import spread_over_time
 from gaussray.reconstruct.optimize.state import State, accumulated_statistics
-from gaussray.reconstruct.run_progress import Course
+from gaussray.reconstruct.run_progress import StageSchedule
 from gaussray.reconstruct.step_loss import (
-    BlockSizes,
     StepOptions,
     density_costs,
     loss_of,
     step_motion,
     step_rays,
 )
-from gaussray.runtime.programs import looped_jit
+from gaussray.runtime.program_cache import looped_jit
 from gaussray.tracer.options import on_kernel
-from gaussray.tracer.seen import seen_counts, seen_part
 from gaussray.tracer.trace import measure
 from gaussray.tracer.traverse import enlarged_size
+from gaussray.tracer.visible_subset import seen_counts, seen_part
 
 
 # Tiles of a step up to which it pays to look for the Gaussians that they see before tracing, and
@@ -42,27 +42,27 @@ _MOST_BLOCKS, _FEW = 16, 0.7
 _MORE_SEEN, _LONGER, _LONGER_SEEN = 1.6, 2.0, 4.0
 
 
-class Schedule(eqx.Module):
+class StepSchedule(eqx.Module):
     """How much of a stage is done at its steps, by which the rates fall, and the seed of the steps'
     noise.
 
     Arrays, so that other values compile nothing.
     """
 
-    course: Course
+    stage: StageSchedule
     seed: Int[Array, ""]
 
 
-def schedule(course: Course, seed: int) -> Schedule:
+def step_schedule(stage: StageSchedule, seed: int) -> StepSchedule:
     """The schedule of a stage.
 
     Args:
-        course: how much of the stage is done at its steps.
+        stage: how much of the stage is done at its steps.
         seed: seed of the steps' noise.
     """
-    steps, begin = (jnp.asarray(n, jnp.int32) for n in (course.steps, course.begin))
-    known = Course(steps, begin, jnp.asarray(course.share, jnp.float32))
-    return Schedule(known, jnp.asarray(seed, jnp.int32))
+    steps, begin = (jnp.asarray(n, jnp.int32) for n in (stage.steps, stage.begin))
+    known = StageSchedule(steps, begin, jnp.asarray(stage.share, jnp.float32))
+    return StepSchedule(known, jnp.asarray(seed, jnp.int32))
 
 
 def measure_sizes(
@@ -141,7 +141,7 @@ def train_block(
     cameras: CameraSet,
     *,
     options: StepOptions,
-    schedule: Schedule,
+    schedule: StepSchedule,
     sizes: BlockSizes,
 ):
     """A block of steps. If the tracer dropped list entries, the block is void: run it again with
@@ -173,7 +173,7 @@ def train_block(
     def step(state: State, batch: Batch):
         slope = jax.value_and_grad(loss_of, has_aux=True)
         cost_slope = jax.grad(density_costs, has_aux=True)
-        share = schedule.course.share_at(state.step)
+        share = schedule.stage.share_at(state.step)
         ignore_moving = share >= 0.5 if options.still else None
         (_, details), gradient = slope(
             *(state.parameters, views, batch, cameras, state.step),
@@ -212,14 +212,14 @@ def train_block(
 
 
 def _explored(
-    state: State, cameras: CameraSet, schedule: Schedule, steps: int, options: StepOptions
+    state: State, cameras: CameraSet, schedule: StepSchedule, steps: int, options: StepOptions
 ) -> State:
     """Noise on the positions of faint Gaussians, if they are relocated: that of all steps of a
     block at once, as it takes as long as a fifth of a step on a CPU."""
     density = options.density
     if not density.relocates or not density.noise:
         return state
-    fall = options.optimizer.decay ** schedule.course.share_at(state.step)
+    fall = options.optimizer.decay ** schedule.stage.share_at(state.step)
     key = jax.random.fold_in(jax.random.key(schedule.seed), state.step)
     kinds = state.parameters.kinds
     explore = partial(

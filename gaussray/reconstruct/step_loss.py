@@ -16,6 +16,7 @@ from gaussray.camera.corrections import apply_color_response, refined_views
 from gaussray.camera.rays import Rays
 from gaussray.camera.sampling import step_samples
 from gaussray.color import srgb_encode
+from gaussray.reconstruct.block_sizes import BlockSizes
 from gaussray.reconstruct.data.backdrop import BackdropColor, before_backdrop, like_backdrop
 from gaussray.reconstruct.data.batches import Batch, tile_colors, tile_rays
 from gaussray.reconstruct.optimize import loss as losses, regularizer, relocation
@@ -28,10 +29,9 @@ from gaussray.scene.scene import Scene
 from gaussray.scene.transient import squared_age
 from gaussray.tracer.composite import Pixels
 from gaussray.tracer.motion import Motion, key_times_across, scene_motion
-from gaussray.tracer.seen import seen_part
 from gaussray.tracer.shard import trace_sharded
-from gaussray.tracer.trace import Report, TraceOptions, enlarged_capacity
-from gaussray.tracer.traverse import Capacity, enlarged_size
+from gaussray.tracer.trace import Report, TraceOptions
+from gaussray.tracer.visible_subset import seen_part
 
 
 class StepOptions(eqx.Module):
@@ -66,33 +66,6 @@ class StepOptions(eqx.Module):
     backdrop: BackdropColor | None = eqx.field(static=True, default=None)
     still: bool = eqx.field(static=True, default=False)
     at_rest: bool = eqx.field(static=True, default=False)
-
-
-class BlockSizes(eqx.Module):
-    """The static sizes that a block of steps is compiled for.
-
-    Args:
-        capacity: sizes of the tracer's lists.
-        mesh: the devices that share the rays.
-        keys: the number of key states of the scene across a step; 1: all its rays share one time.
-        seen: places for the persistent and the transient Gaussians that the tiles of a step may
-            meet (`seen_part`); None: all Gaussians are traced.
-    """
-
-    capacity: Capacity
-    mesh: Mesh = eqx.field(static=True)
-    keys: int = eqx.field(static=True, default=1)
-    seen: tuple[int, int] | None = eqx.field(static=True, default=None)
-
-    def enlarged(self, needed) -> "BlockSizes":
-        """Sizes for a block whose lists needed this much room."""
-        lists, seen = [int(n) for n in needed], self.seen
-        if seen is not None:
-            grown = partial(enlarged_size, headroom=1.5, near=1.0)
-            seen = grown(seen[0], lists[-2]), grown(seen[1], lists[-1])
-            lists = lists[:-2]
-        capacity = enlarged_capacity(self.capacity, lists, headroom=1.5)
-        return BlockSizes(capacity, self.mesh, self.keys, seen)
 
 
 class LossDetails(NamedTuple):

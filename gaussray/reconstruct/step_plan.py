@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gaussray.reconstruct.run_progress import Course, RunProgress
+from gaussray.reconstruct.run_progress import RunProgress, StageSchedule
 
 
 # Steps before the pace is known, and the most of any timed stage.
@@ -31,22 +31,22 @@ class StepPlan:
     """A fixed number of steps.
 
     Args:
-        course: how much of the stage is done at its steps.
+        schedule: how much of the stage is done at its steps.
 
     Attributes:
-        course: that, as planned now. Learning rates fall with it.
+        schedule: that, as planned now. Learning rates fall with it.
         most: no stage takes more steps.
         stopped: the step at which held-out tiles no longer improved; 0 until then.
     """
 
-    def __init__(self, course: Course):
-        self.course = course
+    def __init__(self, schedule: StageSchedule):
+        self.schedule = schedule
         self.most, self.stopped = self.steps, 0
 
     @property
     def steps(self) -> int:
         """The length of the stage."""
-        return int(self.course.steps)
+        return int(self.schedule.steps)
 
     def after_block(self, done: int, score: Callable[[], float] | None = None) -> bool:
         """Whether the plan has changed after a block.
@@ -105,7 +105,7 @@ class TimedPlan(StepPlan):
     """
 
     def __init__(self, seconds: float, block: int):
-        super().__init__(Course(_GUESS))
+        super().__init__(StageSchedule(_GUESS))
         self.most = _MOST
         self._seconds, self._block = seconds, block
         # Steps that are done, and when; and seconds in which a compiler worked.
@@ -125,7 +125,7 @@ class TimedPlan(StepPlan):
         steps = blocks * self._block
         if steps >= self.steps:
             return paced
-        self.stopped, self.course = done, Course(steps, done, self.course.share_at(done))
+        self.stopped, self.schedule = done, StageSchedule(steps, done, self.schedule.share_at(done))
         return True
 
     @property
@@ -147,7 +147,7 @@ class TimedPlan(StepPlan):
         left = max(end - now, 0) / max(self._pace(), 1e-9)
         blocks = max(int(max(done + left, _LEAST) / self._block), -(-done // self._block))
         steps = min(blocks * self._block, _MOST)
-        changed, self.course = steps != self.steps, Course(steps)
+        changed, self.schedule = steps != self.steps, StageSchedule(steps)
         return changed
 
     def _pace(self) -> float:
@@ -156,4 +156,4 @@ class TimedPlan(StepPlan):
         return float(np.median(np.diff(when) / np.diff(step)))
 
     def noted(self, progress: RunProgress) -> RunProgress:
-        return replace(progress, planned=self.course)
+        return replace(progress, planned=self.schedule)

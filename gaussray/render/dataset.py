@@ -12,7 +12,7 @@ import numpy as np
 from gaussray.camera.camera import with_chromatic
 from gaussray.camera.sensor.sensor import check_sensor
 from gaussray.dataset.manifest import FrameRecord, ManifestEntry
-from gaussray.io.atomic import sweep
+from gaussray.io.atomic import remove_partial_files
 from gaussray.render.aov.files import labels_exist, with_label_files, write_labels
 from gaussray.render.aov.labeller import Labeller
 from gaussray.render.dataset_files import (
@@ -27,7 +27,14 @@ from gaussray.render.develop import develop_picture, sensor_of, write_picture
 from gaussray.render.frame import DevelopedFrame
 from gaussray.render.options import NO_SENSOR, DatasetOptions, RenderOptions
 from gaussray.render.renderer import Renderer
-from gaussray.runtime.devices import agreed, cores, leads, share, together, wait
+from gaussray.runtime.devices import (
+    barrier,
+    cores,
+    from_primary,
+    is_distributed,
+    is_primary,
+    items_of_this_process,
+)
 from gaussray.runtime.lock import locks_output
 from gaussray.runtime.progress import Progress
 from gaussray.scene.scene import Scene
@@ -79,14 +86,14 @@ def render_dataset(
     check_dataset(scene, records, options)
     claim_folder(out, scene, records, _settings(renderer, options))
     begun()
-    if leads():
-        sweep(out, deep=True)
+    if is_primary():
+        remove_partial_files(out, deep=True)
     # Hosts look for existing pictures only after host 0 has removed incomplete files.
-    wait("swept")
-    exists = agreed(np.array([(out / record.file_path).exists() for record in records]))
+    barrier("swept")
+    exists = from_primary(np.array([(out / record.file_path).exists() for record in records]))
     missing = [record for record, there in zip(records, exists, strict=True) if not there]
-    assigned = share(missing)
-    frames = renderer.film_developed(
+    assigned = items_of_this_process(missing)
+    frames = renderer.render_developed(
         (
             with_chromatic(record.camera, sensor_of(record, options.sensor).chromatic)
             for record in assigned
@@ -95,9 +102,9 @@ def render_dataset(
             assigned[i], values, sensor_of(assigned[i], options.sensor)
         ),
     )
-    progress = Progress("render", len(assigned), quiet=quiet or not leads())
+    progress = Progress("render", len(assigned), quiet=quiet or not is_primary())
     # Where other hosts render a part, videos wait for all pictures.
-    rendered = () if together() else assigned
+    rendered = () if is_distributed() else assigned
     entries: dict[str, ManifestEntry] = {}
     with ThreadPoolExecutor(cores()) as pool, Videos(out, records, options.fps, rendered) as videos:
         for done, (record, stored) in enumerate(_write_pictures(out, assigned, frames, pool), 1):
@@ -108,12 +115,12 @@ def render_dataset(
             entries[record.file_path] = picture_entry(out, record)
         if options.labels:
             _write_labels(out, renderer, records, options, quiet=quiet)
-        wait("pictures")
-        if leads():
+        barrier("pictures")
+        if is_primary():
             require_files(out, records)
             write_manifests(out, records, options, entries)
             videos.finish()
-    wait("videos")
+    barrier("videos")
     return out
 
 
@@ -191,10 +198,10 @@ def _write_labels(
     quiet: bool,
 ) -> None:
     """Write this host's share of the missing labels."""
-    exists = agreed(np.array([labels_exist(out, record) for record in records]))
+    exists = from_primary(np.array([labels_exist(out, record) for record in records]))
     missing = [record for record, there in zip(records, exists, strict=True) if not there]
-    assigned = {record.file_path for record in share(missing)}
-    progress = Progress("labels", len(assigned), quiet=quiet or not leads())
+    assigned = {record.file_path for record in items_of_this_process(missing)}
+    progress = Progress("labels", len(assigned), quiet=quiet or not is_primary())
     labeller = Labeller(renderer.scenes[0], options=renderer.options, trace=renderer.trace)
     written = write_labels(out, records, assigned, options.labels, labeller, options.interval)
     for done, record in enumerate(written, 1):

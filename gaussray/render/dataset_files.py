@@ -23,14 +23,14 @@ from gaussray.dataset.manifest import (
     write_manifest,
 )
 from gaussray.dataset.video import write_video
-from gaussray.io.atomic import demand, whole
+from gaussray.io.atomic import atomic_path, check_files_exist
 from gaussray.io.safe.files import read_json
 from gaussray.render.aov.files import label_units
 from gaussray.render.aov.labeller import PICTURE_LABELS
 from gaussray.render.develop import sensor_of
 from gaussray.render.frame import SHARE
 from gaussray.render.options import NO_SENSOR, DatasetOptions
-from gaussray.runtime.devices import cores, leads, together
+from gaussray.runtime.devices import cores, is_distributed, is_primary
 from gaussray.runtime.provenance import array_digest
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip
@@ -70,8 +70,8 @@ def claim_folder(
                 f"out={out} holds pictures of another scene, camera or option. Choose another "
                 "folder, or delete this one."
             )
-        if leads():
-            with whole(note) as partial:
+        if is_primary():
+            with atomic_path(note) as partial:
                 partial.write_text(text)
     except OSError as error:
         raise OSError(f"out={out}: cannot be written: {error.strerror or error}") from error
@@ -90,8 +90,8 @@ def require_files(out: Path, records: Sequence[FrameRecord]) -> None:
         OSError: A file is missing.
     """
     files = [path for r in records for path in (r.file_path, *(r.labels or {}).values())]
-    if not together():
-        demand(out, files)
+    if not is_distributed():
+        check_files_exist(out, files)
     deadline = clock.monotonic() + _NETWORK_DELAY
     while missing := [path for path in files if not (out / path).exists()]:
         if clock.monotonic() > deadline:
@@ -152,7 +152,7 @@ def write_sample_count(picture: Path, samples: int, error: Float[np.ndarray, "h 
         error: Standard error of each pixel.
     """
     values = {"samples": samples, "error": float(np.quantile(error, SHARE))}
-    with whole(picture.with_suffix(".json")) as partial:
+    with atomic_path(picture.with_suffix(".json")) as partial:
         partial.write_text(json.dumps(values) + "\n")
 
 

@@ -47,7 +47,7 @@ from gaussray.render.parts import (
     strip_plan,
     whole_picture,
 )
-from gaussray.render.stages import (
+from gaussray.render.picture_programs import (
     measure_staged,
     render_staged,
     uses_stages,
@@ -126,7 +126,7 @@ class Renderer:
         views = self._views.views([camera], batch)
         return merge_segments([self._finish(self._begin([view], alone=True))[0] for view in views])
 
-    def film(self, cameras: Iterable[Camera]) -> Iterator[Frame]:
+    def render_frames(self, cameras: Iterable[Camera]) -> Iterator[Frame]:
         """Render many frames: each device renders one, and the next is begun before it is fetched.
 
         Threads fetch the pictures, because allocating memory for a picture takes the host longer
@@ -143,13 +143,13 @@ class Renderer:
             yield from map(self, cameras)
             return
         parts: list[Frame] = []
-        for view, part in self._film(cameras, lambda batch: partial(self._finish, batch)):
+        for view, part in self._render_frames(cameras, lambda batch: partial(self._finish, batch)):
             parts.append(part)
             if view.last:
                 yield merge_segments(parts)
                 parts = []
 
-    def film_developed(
+    def render_developed(
         self, cameras: Iterable[Camera], develop: Callable[[int, Array], Any]
     ) -> Iterator[DevelopedFrame]:
         """Render many frames as `film` does, and fetch of each only what its development returns.
@@ -163,7 +163,7 @@ class Renderer:
             What `develop` returned, on the host, and the frame's samples and error.
         """
         if self.options.error or len(self.scenes) > 1:
-            for number, frame in enumerate(self.film(cameras)):
+            for number, frame in enumerate(self.render_frames(cameras)):
                 values = jax.device_get(develop(number, jnp.asarray(frame.color)))
                 yield DevelopedFrame(values, frame.samples, frame.error)
             return
@@ -174,9 +174,9 @@ class Renderer:
             # A device would do it later only behind the frames that are begun in between.
             return partial(self._finish_developed, batch, own, develop_frames(batch, own))
 
-        yield from (frame for _, frame in self._film(cameras, begin))
+        yield from (frame for _, frame in self._render_frames(cameras, begin))
 
-    def _film(
+    def _render_frames(
         self, cameras: Iterable[Camera], finish: Callable[[FrameBatch], Callable[[], list[_T]]]
     ) -> Iterator[tuple[FrameView, _T]]:
         """What every segment shows of every frame; a thread runs what `finish` returns."""

@@ -12,7 +12,7 @@ from gaussray.camera.lens import AbstractLens
 from gaussray.camera.shutter import SIDEWAYS, row_count, row_moments
 from gaussray.report.markup import Markup, tag
 from gaussray.report.plan import edge_directions, lens_directions
-from gaussray.runtime.kept_programs import KeptProgram
+from gaussray.runtime.stored_programs import KeptProgram
 
 
 _WIDTH, _HEIGHT = 340.0, 210.0

@@ -15,8 +15,8 @@ from gaussray.color import srgb_encode
 from gaussray.dataset.manifest import rotation_and_position
 from gaussray.report.chart import color
 from gaussray.report.markup import Markup, escape, tag
-from gaussray.runtime.kept_programs import KeptProgram
-from gaussray.runtime.programs import quick_compilation
+from gaussray.runtime.program_cache import quick_compilation
+from gaussray.runtime.stored_programs import KeptProgram
 from gaussray.scene.harmonics import C0
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip, segments_of

@@ -9,7 +9,7 @@ from gaussray.capture.capture import Capture, View
 from gaussray.capture.formats.paired import read_cameras, read_capture
 from gaussray.capture.formats.transforms import PINHOLE_FILE
 from gaussray.dataset.takes import read_takes
-from gaussray.io.atomic import whole
+from gaussray.io.atomic import atomic_path
 from gaussray.report import calibration, cameras, dataset, evaluation, reconstruction
 from gaussray.report.markup import Markup
 from gaussray.report.page import Section, html_page, summary_tiles
@@ -51,7 +51,7 @@ def write_page(
         OSError: If the file cannot be written.
     """
     sections = _SECTIONS[command](out, scene, capture)
-    with whole(out / REPORT_FILE) as partial:
+    with atomic_path(out / REPORT_FILE) as partial:
         partial.write_text(html_page(TITLES[command], subtitle(out), sections), encoding="utf-8")
     return out / REPORT_FILE
 

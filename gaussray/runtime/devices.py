@@ -62,7 +62,7 @@ class DevicesOptions(eqx.Module):
             )
 
 
-def begin(options: DevicesOptions) -> int | None:
+def start_devices(options: DevicesOptions) -> int | None:
     """Start the devices, before JAX does anything else.
 
     A CPU is one device, whose machine code uses all cores (`has_machine_code`). Without it each
@@ -141,29 +141,29 @@ def _meet(options: DevicesOptions) -> None:
         ) from error
 
 
-def together() -> bool:
+def is_distributed() -> bool:
     """Whether this process belongs to a group of processes, which wait for each other at exit."""
     return jax.distributed.is_initialized()
 
 
-def leads() -> bool:
+def is_primary() -> bool:
     """Whether this is process 0, which writes the files that all processes share."""
     return jax.process_index() == 0
 
 
-def share(items: Sequence[_T]) -> Sequence[_T]:
+def items_of_this_process(items: Sequence[_T]) -> Sequence[_T]:
     """The items that this process works on. Neighbouring items go to different processes, because
     they tend to cost the same."""
     return items[jax.process_index() :: jax.process_count()]
 
 
-def wait(name: str) -> None:
+def barrier(name: str) -> None:
     """Wait until every process has called this function with the same name."""
     if jax.process_count() > 1:
         multihost_utils.sync_global_devices(name)
 
 
-def agreed(tree: _T) -> _T:
+def from_primary(tree: _T) -> _T:
     """The arrays of process 0, copied to every host.
 
     Hosts must take decisions (the number of Gaussians, the length of a list) from equal values, or
@@ -175,7 +175,7 @@ def agreed(tree: _T) -> _T:
     return jax.tree.map(jnp.asarray, arrays)
 
 
-def everywhere(tree: _T, mesh: Mesh) -> _T:
+def replicate(tree: _T, mesh: Mesh) -> _T:
     """Copy arrays to every device of a mesh.
 
     Args:
@@ -194,10 +194,10 @@ def everywhere(tree: _T, mesh: Mesh) -> _T:
     return jax.tree.map(one, tree)
 
 
-def leave(code: int) -> None:
+def exit_process(code: int) -> None:
     """End the process with an exit code. The other processes then fail too, instead of waiting for
     this one."""
-    if together():
+    if is_distributed():
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)

@@ -12,7 +12,7 @@ from typing import NamedTuple, ParamSpec, TypeVar
 
 from filelock import FileLock, Timeout
 
-from gaussray.runtime.devices import leads
+from gaussray.runtime.devices import is_primary
 
 
 P = ParamSpec("P")
@@ -85,7 +85,7 @@ def lock_output(out: Path | str, part: str = "") -> Path | None:
     """
     name = LOCK_FILE if not part else f".gaussray.{part.replace('/', '-')}.lock"
     path = Path(out).absolute() / name
-    if path in _held or not leads():
+    if path in _held or not is_primary():
         return None
     made = not path.parent.exists()
     lock = FileLock(path, timeout=0, thread_local=False)

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from gaussray.io.atomic import whole
+from gaussray.io.atomic import atomic_path
 
 
 # The record of a run, in its output folder.
@@ -123,5 +123,5 @@ def run_record(out: Path) -> dict[str, Any]:
 
 
 def _write(out: Path, record: dict[str, Any]) -> None:
-    with whole(out / RUN_RECORD) as partial:
+    with atomic_path(out / RUN_RECORD) as partial:
         partial.write_text(json.dumps(record, indent=2) + "\n")

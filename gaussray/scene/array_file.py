@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from gaussray.io.atomic import settle, whole
+from gaussray.io.atomic import atomic_path, flush_to_disk
 from gaussray.io.safe.arrays import Damaged, read_npz
 from gaussray.io.safe.files import parse_json
 
@@ -27,10 +27,10 @@ def write_arrays(
         compress: whether the arrays are compressed by deflate.
     """
     save = np.savez_compressed if compress else np.savez
-    with whole(path) as partial:
+    with atomic_path(path) as partial:
         with open(partial, "wb") as file:
             save(file, **{"header": np.array(json.dumps(header)), **array})  # type: ignore[arg-type]
-        settle(partial)
+        flush_to_disk(partial)
 
 
 def read_arrays(

@@ -139,7 +139,7 @@ class RenderedFrames(IterableDataset[Item]):
                 for camera in cameras()
             )
         else:
-            pictures = (frame.color for frame in renderer.film(cameras()))
+            pictures = (frame.color for frame in renderer.render_frames(cameras()))
         labeller = _labeller(job)
         for light in pictures:
             shot = waiting.popleft()

@@ -5,10 +5,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from gaussray.tracer.alive_transients import Sweep, TimeWindow, all_states, swept_between, swept_box
 from gaussray.tracer.bundle import morton
 from gaussray.tracer.motion import Motion, clipped_time, control_points, is_valid
 from gaussray.tracer.response import reach_radius
-from gaussray.tracer.window import Sweep, TimeWindow, all_states, swept_between, swept_box
 
 
 # Gaussians in one cell.

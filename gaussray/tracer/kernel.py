@@ -156,7 +156,7 @@ class Strip(NamedTuple):
     time: Float[Array, "samples rays 1"]
 
 
-class Stage(NamedTuple):
+class KernelInputs(NamedTuple):
     """What all strips share: program, rows, and the boxes in the order of the grid."""
 
     program: Program
@@ -165,9 +165,9 @@ class Stage(NamedTuple):
     skipped: Int[Array, ""]
 
 
-def stage_and_strips(
+def kernel_inputs(
     motion: Motion, rays: Rays, span: Float[Array, "2"], *, options, slots: int
-) -> tuple[Stage, Strip]:
+) -> tuple[KernelInputs, Strip]:
     """What the lists of rays are made from: the stage, and the strips, in a leading axis.
 
     The last strip is padded with rays of direction zero, which hit nothing.
@@ -217,11 +217,11 @@ def stage_and_strips(
     if motion.transient is not None:
         time = cut(clipped_time(motion.time_range, rays.time)[..., None])
     skipped = jnp.sum(~fine, dtype=jnp.int32)
-    stage = Stage(program, rows, boxes, skipped)
+    stage = KernelInputs(program, rows, boxes, skipped)
     return stage, Strip(cut(rays.origin), cut(rays.direction), weight, time)
 
 
-def candidate_lists(stage: Stage, strip: Strip) -> Lists:
+def candidate_lists(stage: KernelInputs, strip: Strip) -> Lists:
     """The lists of one strip. No gradient.
 
     Args:

@@ -8,6 +8,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from gaussray.scene.gaussians import Gaussians, principal_axes, whitening_matrix
 from gaussray.scene.transient import Transients
+from gaussray.tracer.alive_transients import swept_between, swept_box, time_window_of
 from gaussray.tracer.grid import OCCUPANCY, ellipsoid_boxes, grid_key
 from gaussray.tracer.motion import (
     Motion,
@@ -19,7 +20,6 @@ from gaussray.tracer.motion import (
     tint_controls,
 )
 from gaussray.tracer.response import reach_radius
-from gaussray.tracer.window import swept_between, swept_box, time_window_of
 
 
 # Cells in a box of the coarser grid, one for each thread of a warp.

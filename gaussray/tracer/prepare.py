@@ -8,11 +8,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from gaussray.camera.rays import Rays
+from gaussray.tracer.alive_transients import AliveTransients, alive_transients
 from gaussray.tracer.grid import Grid, build_grid
 from gaussray.tracer.motion import Motion, clipped_time, merge_rest
 from gaussray.tracer.options import TraceOptions, on_kernel
 from gaussray.tracer.traverse import Capacity
-from gaussray.tracer.window import AliveTransients, alive_transients
 
 
 class Prepared(eqx.Module):

@@ -8,6 +8,7 @@ from jaxtyping import Array, Float
 
 from gaussray.scene.gaussians import whitening_matrix
 from gaussray.scene.transient import squared_age
+from gaussray.tracer.alive_transients import TimeWindow, all_states
 from gaussray.tracer.motion import (
     Motion,
     control_points,
@@ -17,7 +18,6 @@ from gaussray.tracer.motion import (
     tint_controls,
 )
 from gaussray.tracer.response import response
-from gaussray.tracer.window import TimeWindow, all_states
 
 
 class Columns(NamedTuple):

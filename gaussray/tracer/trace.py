@@ -87,7 +87,7 @@ def _trace_kernel(
     scene: Prepared, rays: Rays, *, options: TraceOptions, capacity: Capacity
 ) -> tuple[Pixels, Report]:
     samples, count = rays.time.shape
-    stage, strips = kernel.stage_and_strips(
+    stage, strips = kernel.kernel_inputs(
         scene.motion, moved_to_start(rays), scene.span, options=options, slots=capacity.slots
     )
 
@@ -273,7 +273,7 @@ def _needed_sizes(
     if on_kernel(options, rays.time.dtype):
         rays = moved_to_start(_with_sample_axis(rays))
         scene = prepare_for_rays(motion, rays, options, capacity)
-        stage, strips = kernel.stage_and_strips(
+        stage, strips = kernel.kernel_inputs(
             scene.motion, rays, scene.span, options=options, slots=capacity.slots
         )
         counts = map_leading(lambda strip: kernel.candidate_lists(stage, strip).count, strips)

@@ -11,9 +11,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from gaussray.tracer.alive_transients import Sweep
 from gaussray.tracer.bundle import FAN, Bundles
 from gaussray.tracer.grid import Fading, Grid
-from gaussray.tracer.window import Sweep
 
 
 class Capacity(eqx.Module):

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from gaussray.camera.placement import orbit
 from gaussray.camera.trajectory import Trajectory, pose_at
 from gaussray.geometry import BLENDER_AXES, rotation_matrix
-from gaussray.io.atomic import whole
+from gaussray.io.atomic import atomic_path
 from gaussray.viewer.preset import CONFIG
 from gaussray.viewer.viewpoint import Viewpoint
 
@@ -92,7 +92,7 @@ def save_path(folder: Path, path: Trajectory) -> Path:
         matrix[:3, :3] = np.asarray(rotation_matrix(jnp.asarray(quat))) * np.array(BLENDER_AXES)
         matrix[:3, 3] = position
         poses.append({"time": float(time), "transform_matrix": matrix.tolist()})
-    with whole(folder / PATH_FILE) as partial:
+    with atomic_path(folder / PATH_FILE) as partial:
         partial.write_text(json.dumps({"trajectory": poses}, indent=1) + "\n")
     return folder / PATH_FILE
 

@@ -12,7 +12,7 @@ from gaussray.capture.formats.paired import read_cameras
 from gaussray.config.yaml_files import read_yaml, to_plain, yaml_text
 from gaussray.dataset.images import write_image
 from gaussray.dataset.manifest import write_manifest
-from gaussray.io.atomic import whole
+from gaussray.io.atomic import atomic_path
 from gaussray.render.job import RenderJob
 from gaussray.viewer.controls import GROUPS, ControlValues, consistent_values, flat_values
 from gaussray.viewer.model import ViewerModel
@@ -81,7 +81,7 @@ def save_preset(
         "cameras": str((folder / CAMERA).resolve()),
         **{group: config[group] for group in SAVED_GROUPS},
     }
-    with whole(folder / CONFIG) as partial:
+    with atomic_path(folder / CONFIG) as partial:
         partial.write_text(f"# {render_command(folder)}\n{yaml_text(blocks)}")
     if picture is not None:
         write_image(folder / PICTURE, picture)

@@ -20,7 +20,7 @@ from gaussray.render.compiled import ProgramSettings, prepare_trace, render_part
 from gaussray.render.list_sizes import default_capacity, enlarge_staged_capacity, round_capacity
 from gaussray.render.options import RenderOptions
 from gaussray.render.parts import Part, interleaved_parts, pixels_part, whole_picture
-from gaussray.render.stages import (
+from gaussray.render.picture_programs import (
     StageArguments,
     measure_staged,
     render_staged,

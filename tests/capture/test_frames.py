@@ -13,7 +13,7 @@ from gaussray.capture import picture_file
 from gaussray.capture.errors import CaptureError, CaptureWarning
 from gaussray.capture.frames import read_encoded, read_image, read_mask
 from gaussray.capture.picture_file import check_images, read_levels, read_with_alpha
-from gaussray.capture.window import Window
+from gaussray.capture.stored_part import Window
 from gaussray.color import srgb_decode, srgb_encode
 
 

@@ -23,7 +23,8 @@ from gaussray.capture.formats.paired import read_capture
 from gaussray.dataset.images import write_image
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.geometry import multiply, turning
-from gaussray.reconstruct import loop, step as training
+from gaussray.reconstruct import loop, step as training, step_setup
+from gaussray.reconstruct.block_sizes import BlockSizes
 from gaussray.reconstruct.data.batches import gather
 from gaussray.reconstruct.data.tiles import cut, tile_pixels
 from gaussray.reconstruct.log import RunLog
@@ -37,7 +38,6 @@ from gaussray.reconstruct.pipeline import reconstruct
 from gaussray.reconstruct.run_progress import RunProgress
 from gaussray.reconstruct.session import Session
 from gaussray.reconstruct.start import initial_state
-from gaussray.reconstruct.step_loss import BlockSizes
 from gaussray.render.renderer import Renderer, RenderOptions
 from gaussray.scene.gaussians import unconstrain
 from gaussray.tracer.traverse import Capacity
@@ -274,7 +274,7 @@ def soft(tmp_path_factory):
             jax.tree.map(lambda x: x[0], batches),
             fit.cameras,
             step,
-            options=loop.step_options(fit, "fine"),
+            options=step_setup.step_options(fit, "fine"),
             sizes=sizes,
         )
         return value, details.report.dropped
@@ -321,15 +321,15 @@ def test_sharp_pictures_taken_at_once_cost_what_they_did(tmp_path, pictures):
     listed = [(n, toy.camera(ANGLES[n], float(c.time), SIDE, SIDE)) for n, c in frames()]
     fit = fit_of(written(tmp_path / "capture", listed, pictures), tmp_path, options())
     state, batches = known_scene(fit), fit.loader.batches("fine", 0, 1)
-    assert loop.step_options(fit, "fine").samples == 1
+    assert step_setup.step_options(fit, "fine").samples == 1
     assert loop.first_sizes(fit, state, batches).keys == 1
     assert state.parameters.corrections is None
 
 
 def test_before_the_scene_moves_only_colours_are_refined(tmp_path, pictures):
     fit = fit_of(recorded(tmp_path / "capture", pictures, ()), tmp_path, options(*REFINABLE))
-    assert loop.step_options(fit, "coarse").refine == ("exposure", "color_matrix")
-    assert loop.step_options(fit, "fine").refine == REFINABLE
+    assert step_setup.step_options(fit, "coarse").refine == ("exposure", "color_matrix")
+    assert step_setup.step_options(fit, "fine").refine == REFINABLE
 
 
 def test_bodies_have_poses_as_far_as_the_rows_reach(tmp_path, pictures):
@@ -347,7 +347,7 @@ def test_the_refined_cameras_are_written_and_what_was_found_is_said(
     tmp_path, pictures, monkeypatch, capsys
 ):
     def learnt(state, *_, options, schedule, sizes):
-        steps = int(schedule.course.steps)
+        steps = int(schedule.stage.steps)
 
         def where(state):
             return state.parameters.corrections.exposure, state.parameters.corrections.shutter

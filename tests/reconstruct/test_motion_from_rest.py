@@ -12,7 +12,7 @@ from gaussray.reconstruct import session
 from gaussray.reconstruct.log import RunLog
 from gaussray.reconstruct.options import FitOptions
 from gaussray.reconstruct.pipeline import reconstruct
-from gaussray.reconstruct.run_progress import Course
+from gaussray.reconstruct.run_progress import StageSchedule
 from gaussray.reconstruct.session import Session
 from gaussray.reconstruct.step_plan import StepPlan
 from gaussray.scene.store import load_scene
@@ -91,11 +91,11 @@ def test_an_interrupted_run_goes_on_to_the_same_bytes(capture, tmp_path, monkeyp
 def test_all_times_are_seen_in_the_last_steps_also_of_a_plan_that_is_cut(capture, tmp_path, cut):
     log = RunLog(tmp_path, resume=False, interval=0.0)
     loader = Session(capture, log, replace(toy.SHORT, fit=FIT), quiet=True).loader
-    plan, width = StepPlan(Course(200)), []
+    plan, width = StepPlan(StageSchedule(200)), []
     for done, batches in loader.blocks("fine", 0, plan, 20):
         width.append(np.ptp(batches.time))
         if cut and done == 20:
-            plan.course = Course(100)
+            plan.schedule = StageSchedule(100)
         if done + 20 >= plan.steps:
             break
     assert len(width) == (5 if cut else 10)

@@ -16,6 +16,7 @@ from gaussray.capture.errors import CaptureWarning
 from gaussray.capture.formats.paired import read_capture
 from gaussray.evaluate.pipeline import EvaluateOptions, evaluate
 from gaussray.reconstruct import loop, pipeline, segment_fit, step as training, step_plan
+from gaussray.reconstruct.block_sizes import BlockSizes
 from gaussray.reconstruct.data import held_out_tiles
 from gaussray.reconstruct.data.loader import Loader
 from gaussray.reconstruct.initialize.body_tracking import TrackOptions
@@ -30,7 +31,6 @@ from gaussray.reconstruct.session import Session
 from gaussray.reconstruct.simplify.prune import PruneOptions
 from gaussray.reconstruct.simplify.summary import clip_report
 from gaussray.reconstruct.start import initial_state
-from gaussray.reconstruct.step_loss import BlockSizes
 from gaussray.render.renderer import RenderOptions
 from gaussray.scene.gaussians import unconstrain
 from gaussray.scene.segmented import Clip

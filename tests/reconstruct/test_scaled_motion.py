@@ -14,7 +14,7 @@ from gaussray.dataset.images import write_image
 from gaussray.dataset.manifest import write_manifest
 from gaussray.evaluate.metrics import psnr
 from gaussray.reconstruct import plan
-from gaussray.reconstruct.auto.effort import effort
+from gaussray.reconstruct.auto.choice import auto_choice
 from gaussray.reconstruct.auto.machine import Machine
 from gaussray.reconstruct.initialize.body_tracking import TrackOptions
 from gaussray.reconstruct.pipeline import reconstruct
@@ -82,7 +82,7 @@ def row_time(camera, row):
 
 
 def test_the_views_of_a_scaled_capture_agree_with_the_whole_ones(capture):
-    chosen = effort(capture, OPTIONS, Slow(gpu=False))
+    chosen = auto_choice(capture, OPTIONS, Slow(gpu=False))
     assert f"scaled by 0.50 to {SMALL} x {SMALL}" in chosen.sentence
     assert len(chosen.capture.views) == len(capture.views)
     assert chosen.capture.points is capture.points
@@ -122,6 +122,6 @@ def test_a_longer_video_of_the_same_things_is_not_scaled_further(capture):
             replace(train[0], time=float(i), camera_name=n) for n in "ab" for i in range(count)
         ]
         part = replace(capture, views=views, effects={}, points=None)
-        return effort(part, OPTIONS, machine).capture.views[0].width / WHOLE
+        return auto_choice(part, OPTIONS, machine).capture.views[0].width / WHOLE
 
     assert scale(4) > scale(machine.instants) == scale(4 * machine.instants)

@@ -18,7 +18,6 @@ from gaussray.reconstruct import session as sessions
 from gaussray.reconstruct.data.segments import segments
 from gaussray.reconstruct.initialize.body_tracking import TrackOptions
 from gaussray.reconstruct.log import RunLog
-from gaussray.reconstruct.loop import step_options
 from gaussray.reconstruct.optimize.learning_rates import OptimizerOptions
 from gaussray.reconstruct.optimize.rows import occupied
 from gaussray.reconstruct.options import FitOptions, ReconstructOptions
@@ -26,6 +25,7 @@ from gaussray.reconstruct.pipeline import reconstruct
 from gaussray.reconstruct.run_progress import RunProgress
 from gaussray.reconstruct.session import Session, hand_over
 from gaussray.reconstruct.start import continued_state, initial_state
+from gaussray.reconstruct.step_setup import step_options
 from gaussray.render.renderer import Renderer, RenderOptions
 from gaussray.scene.harmonics import C0
 from gaussray.scene.segmented import Clip
@@ -208,9 +208,9 @@ def test_a_later_segment_knows_all_cameras_and_learns_nothing_about_them(capture
     # The third camera begins to film at the sixth instant.
     late = [v for v in capture.views if v.camera_name != "cam_2" or v.time > 0.6]
     filmed = dataclasses.replace(capture, views=late)
-    course = segments(filmed, 5)
+    parts = segments(filmed, 5)
     log = RunLog(tmp_path, resume=False, interval=1e9)
-    fits = [Session(filmed, log, OPTIONS, True, None, part) for part in course]
+    fits = [Session(filmed, log, OPTIONS, True, None, part) for part in parts]
     assert [fit.cameras.count for fit in fits] == [3, 3]
     np.testing.assert_array_equal(np.unique(fits[0].cameras.owner), [0, 1])
     np.testing.assert_array_equal(np.unique(fits[1].cameras.owner), [0, 1, 2])
@@ -229,13 +229,13 @@ def test_what_moves_is_decided_anew(capture, tmp_path):
         for v in capture.views
     ]
     stopped = dataclasses.replace(capture, views=views)
-    course = segments(stopped, 5)
+    parts = segments(stopped, 5)
     log = RunLog(tmp_path, resume=False, interval=1e9)
-    first = Session(stopped, log, OPTIONS, True, None, course[0])
+    first = Session(stopped, log, OPTIONS, True, None, parts[0])
     before, progress = initial_state(first, RunProgress(segments=2))
     still, moved = counts(before)
     assert moved > 0
-    second = Session(stopped, log, OPTIONS, True, None, course[1])
+    second = Session(stopped, log, OPTIONS, True, None, parts[1])
     after, _ = continued_state(second, *hand_over(first, before, progress))
     assert counts(after) == [still + moved, 0]
 

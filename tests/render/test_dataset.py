@@ -178,7 +178,7 @@ def test_pictures_are_those_of_light_that_is_written_from_the_host(tmp_path, suf
         for one in toy.records()[:3]
     ]
     render_dataset(renderer(toy.scene()), records, tmp_path / "data", quiet=True)
-    frames = renderer(toy.scene()).film(record.camera for record in records)
+    frames = renderer(toy.scene()).render_frames(record.camera for record in records)
     for record, frame in zip(records, frames, strict=True):
         path = tmp_path / "host" / record.file_path
         write_image(path, frame.color)

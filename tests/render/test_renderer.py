@@ -186,7 +186,7 @@ def test_samples_are_added_until_the_error_is_that_of_the_means(still):
     assert off.max() > 1e-3
     assert np.mean(off <= 3 * frame.error + 1e-4) > 0.9
     tight = RenderOptions(samples=4, error=1e-6, samples_most=22)
-    stopped = Renderer(still, options=tight, trace=toy.TRACE).film([blurred()])
+    stopped = Renderer(still, options=tight, trace=toy.TRACE).render_frames([blurred()])
     assert next(stopped).samples == 20
 
 

@@ -127,7 +127,7 @@ def test_a_film_shows_the_frames_one_by_one(cut):
     times = [0.1, 0.45, EDGE, 0.55, 0.9]
     cameras = [toy.rolling(toy.camera(time=time)) for time in times]
     cameras.insert(2, toy.camera(time=0.9))
-    film = list(cut.film(cameras))
+    film = list(cut.render_frames(cameras))
     assert len(film) == len(cameras)
     for frame, camera in zip(film, cameras, strict=True):
         np.testing.assert_allclose(frame.color, cut(camera).color, atol=ROUNDING)

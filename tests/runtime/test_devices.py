@@ -17,7 +17,14 @@ from gaussray.capture.formats.paired import read_capture
 from gaussray.capture.frames import read_encoded
 from gaussray.dataset.manifest import write_manifest
 from gaussray.render import dataset_files
-from gaussray.runtime.devices import DevicesOptions, agreed, begin, everywhere, leads, share
+from gaussray.runtime.devices import (
+    DevicesOptions,
+    from_primary,
+    is_primary,
+    items_of_this_process,
+    replicate,
+    start_devices,
+)
 from gaussray.scene.store import save_scene
 from gaussray.tracer.shard import mesh, mesh_of_hosts
 
@@ -167,25 +174,25 @@ def test_a_host_that_fails_ends_the_others(truth, tmp_path):
 
 
 def test_a_process_alone_leads_and_takes_its_share_of_everything():
-    assert leads() and share([1, 2, 3]) == [1, 2, 3]
+    assert is_primary() and items_of_this_process([1, 2, 3]) == [1, 2, 3]
     tree = {"a": np.arange(3)}
-    assert agreed(tree) is tree
+    assert from_primary(tree) is tree
     assert mesh_of_hosts(1) == mesh(1)
-    placed = everywhere(tree, mesh_of_hosts())
+    placed = replicate(tree, mesh_of_hosts())
     assert placed["a"].sharding.is_fully_replicated
-    assert everywhere(placed, mesh_of_hosts())["a"] is placed["a"]
+    assert replicate(placed, mesh_of_hosts())["a"] is placed["a"]
 
 
 def test_more_devices_than_there_are_fail():
     found = jax.local_device_count()
     with pytest.raises(ValueError, match=f"devices.count must be at most {found}"):
-        begin(DevicesOptions(count=found + 1))
+        start_devices(DevicesOptions(count=found + 1))
 
 
 def test_where_jax_is_at_work_no_hosts_can_be_met():
     hosts = DevicesOptions(hosts=2, process=0, coordinator="localhost:1")
     with pytest.raises(ValueError, match="devices.hosts must be 1 where JAX has already started"):
-        begin(hosts)
+        start_devices(hosts)
 
 
 @pytest.mark.ci
@@ -196,7 +203,7 @@ def test_without_a_cluster_hosts_must_be_named(tmp_path):
 
 def test_pictures_that_another_host_keeps_to_itself_are_missed(tmp_path, monkeypatch):
     monkeypatch.setattr(dataset_files, "_NETWORK_DELAY", 0.0)
-    monkeypatch.setattr(dataset_files, "together", lambda: True)
+    monkeypatch.setattr(dataset_files, "is_distributed", lambda: True)
     with pytest.raises(OSError, match="12 files .* Choose a folder that all hosts share"):
         dataset_files.require_files(tmp_path, toy.records())
 

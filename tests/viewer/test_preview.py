@@ -13,7 +13,7 @@ import pytest
 import rooms
 
 from gaussray.camera.sensor.sensor import SensorOptions
-from gaussray.render import stages
+from gaussray.render import picture_programs
 from gaussray.render.aov.labeller import Labeller
 from gaussray.render.develop import picture_levels
 from gaussray.render.renderer import Renderer
@@ -85,13 +85,13 @@ def test_no_slider_compiles_anything(model, previewer):
 
 def test_another_lens_compiles_only_its_rays(model, previewer, monkeypatch):
     rooms.made(previewer, shot_with(model).records[0].camera, 1)
-    made, make = [], stages.on_devices
+    made, make = [], picture_programs.on_devices
 
     def noted(function, *arguments, **options):
         made.append(function.__qualname__.split(".")[0])
         return make(function, *arguments, **options)
 
-    monkeypatch.setattr(stages, "on_devices", noted)
+    monkeypatch.setattr(picture_programs, "on_devices", noted)
     values = model.initial_values | choice_values("lens", "equisolid")
     camera = model.shot(values, model.initial_viewpoint, model.size).records[0].camera
     assert not previewer.has(camera, 1)

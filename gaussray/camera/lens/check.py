@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from gaussray.camera.lens.abstract import AbstractLens
-from gaussray.runtime.kept_programs import KeptProgram
-from gaussray.runtime.programs import quick_compilation
+from gaussray.runtime.program_cache import quick_compilation
+from gaussray.runtime.stored_programs import KeptProgram
 
 
 # Pixels of a side that are looked at, and the share of the picture that each stands for: those of

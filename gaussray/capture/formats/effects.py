@@ -18,7 +18,7 @@ from gaussray.capture.world_origin import counted_positions
 from gaussray.geometry import BLENDER_AXES, quaternion
 from gaussray.io.plain_values import to_device
 from gaussray.io.safe.limits import within
-from gaussray.runtime.kept_programs import KeptProgram
+from gaussray.runtime.stored_programs import KeptProgram
 
 
 # Poses that one call of a program turns into quaternions.

@@ -6,43 +6,43 @@ from dataclasses import replace
 
 from gaussray.capture.capture import Capture
 from gaussray.io.atomic import write_json
-from gaussray.reconstruct.auto.effort import MOTION_NOUNS, Effort, effort
+from gaussray.reconstruct.auto.choice import MOTION_NOUNS, AutoChoice, auto_choice
 from gaussray.reconstruct.auto.machine import Machine
 from gaussray.reconstruct.auto.motion_trial import motion_trial_scores, trial_sentence
 from gaussray.reconstruct.auto.trial_fits import TrialFits
 from gaussray.reconstruct.options import ReconstructOptions
-from gaussray.runtime.devices import leads
+from gaussray.runtime.devices import is_primary
 
 
 _FILE = "motion.json"
 
 
-def rivals_of(
+def choices_to_try(
     capture: Capture, options: ReconstructOptions, machine: Machine, names: Sequence[str]
-) -> dict[str, Effort]:
+) -> dict[str, AutoChoice]:
     """What is chosen for the capture with each of several choices of fit.motion.
 
     Args:
         capture: the capture.
         options: the options as set.
         machine: what the steps will run on.
-        names: the choices (`Effort.rivals`).
+        names: the choices (`AutoChoice.candidates`).
     """
     return {
-        name: effort(capture, replace(options, fit=replace(options.fit, motion=name)), machine)
+        name: auto_choice(capture, replace(options, fit=replace(options.fit, motion=name)), machine)
         for name in names
     }
 
 
 def with_motion_tried(
     fits: TrialFits,
-    chosen: Effort,
-    rivals: Mapping[str, Effort],
+    chosen: AutoChoice,
+    candidates: Mapping[str, AutoChoice],
     *,
     steps: Callable[[str], int],
     resume: bool,
     say: Callable[[str], None] = lambda line: None,
-) -> tuple[Effort, dict[str, float]]:
+) -> tuple[AutoChoice, dict[str, float]]:
     """The choice of fit.motion that a trial finds best, and its scores by choice.
 
     Where there is nothing to try, it is what was chosen already, without scores.
@@ -50,7 +50,7 @@ def with_motion_tried(
     Args:
         fits: makes the short fits, in the folder of the run, which gets motion.json.
         chosen: what was chosen without a trial.
-        rivals: what is chosen with each choice that a trial must tell apart (`rivals_of`).
+        candidates: what is chosen with each choice that a trial must tell apart (`choices_to_try`).
         steps: steps of the fine stage of each choice (`Machine.trial_steps`).
         resume: whether the run goes on: then by the scores of its own trial.
         say: gets lines on what is tried, and what is best.
@@ -60,19 +60,19 @@ def with_motion_tried(
         scores = json.loads(known.read_text()) if known.is_file() else {}
     else:
         scores = {}
-        if rivals:
+        if candidates:
             say(
                 "Trial: short fits, each scored on pictures that it did not see, choose the model "
                 "of motion (fit.motion)."
             )
-            tried = {name: rival.options for name, rival in rivals.items()}
+            tried = {name: candidate.options for name, candidate in candidates.items()}
             scores = motion_trial_scores(fits, tried, steps)
-        if leads():
+        if is_primary():
             known.unlink(missing_ok=True)
             if scores:
                 write_json(known, scores)
     best = max(scores, key=lambda name: scores[name], default="")
-    if best not in rivals:
+    if best not in candidates:
         return chosen, {}
     say(trial_sentence(scores, MOTION_NOUNS))
-    return rivals[best], scores
+    return candidates[best], scores

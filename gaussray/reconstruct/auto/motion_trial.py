@@ -18,7 +18,7 @@ from gaussray.reconstruct.auto.trial_fits import TrialFits
 from gaussray.reconstruct.data.motion_mask import Activity, moved_in_tiles
 from gaussray.reconstruct.data.pictures import Footage
 from gaussray.reconstruct.data.tiles import cut, tile_pixels
-from gaussray.reconstruct.loop import held_out_score
+from gaussray.reconstruct.held_out import held_out_score
 from gaussray.reconstruct.optimize.state import State
 from gaussray.reconstruct.options import ReconstructOptions
 from gaussray.reconstruct.session import Session
@@ -60,7 +60,7 @@ def motion_tiles(footage: Footage, share: float, seed: int) -> Bool[np.ndarray, 
 
 
 def motion_trial_scores(
-    fits: TrialFits, rivals: Mapping[str, ReconstructOptions], steps: Callable[[str], int]
+    fits: TrialFits, candidates: Mapping[str, ReconstructOptions], steps: Callable[[str], int]
 ) -> dict[str, float]:
     """PSNR in dB of the pixels that move in what is held out (of all where none does; 0 of a fit
     that failed), for every choice of `fit.motion` and its options; nothing where no tile can be
@@ -68,20 +68,22 @@ def motion_trial_scores(
 
     Args:
         fits: makes the short fits.
-        rivals: the options of each choice of fit.motion.
+        candidates: the options of each choice of fit.motion.
         steps: steps of the fine stage of each choice (`Machine.trial_steps`).
     """
 
     def score_of(name: str) -> float | None:
-        options = rivals[name]
+        options = candidates[name]
         short = replace(options.fit, minutes=0.0, fine=steps(name), refine=())
         tried = replace(options, fit=short)
         return fits.score(name, tried, motion_tiles, moving_score)
 
-    works = [partial(score_of, name) for name in rivals]
+    works = [partial(score_of, name) for name in candidates]
     found = run_side_by_side(works) if fits.at_once else [work() for work in works]
-    scores = {name: score for name, score in zip(rivals, found, strict=True) if score is not None}
-    return scores if len(scores) == len(rivals) else {}
+    scores = {
+        name: score for name, score in zip(candidates, found, strict=True) if score is not None
+    }
+    return scores if len(scores) == len(candidates) else {}
 
 
 def trial_sentence(scores: Mapping[str, float], nouns: Mapping[str, str]) -> str:

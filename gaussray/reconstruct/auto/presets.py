@@ -162,7 +162,7 @@ def body_preset(
     )
 
 
-def where_few_look(
+def for_few_viewpoints(
     chosen: ReconstructOptions, viewpoints: int, machine: Machine
 ) -> ReconstructOptions:
     """The options with a higher cost of opacity where few viewpoints show a scene.

@@ -11,9 +11,9 @@ from dataclasses import replace
 from gaussray.io.atomic import write_json
 from gaussray.reconstruct.auto.trial_fits import TrialFits
 from gaussray.reconstruct.data.held_out_tiles import trial_tiles
-from gaussray.reconstruct.loop import held_out_score
+from gaussray.reconstruct.held_out import held_out_score
 from gaussray.reconstruct.options import ReconstructOptions
-from gaussray.runtime.devices import leads
+from gaussray.runtime.devices import is_primary
 
 
 # Steps of a stage of a trial, at most; and the share of the tiles that is held out.
@@ -84,7 +84,7 @@ def with_refinement_tried(
 
     recorded = score(())
     if recorded is None:
-        if leads():
+        if is_primary():
             write_json(known, {"kept": [], "psnr": {}})
         say(
             "Too few tiles to hold any out: cameras are left as recorded. "
@@ -96,7 +96,7 @@ def with_refinement_tried(
         lambda chosen: (score(chosen) or 0.0) if chosen else recorded,
         options.fit.refine_gain,
     )
-    if leads():
+    if is_primary():
         write_json(known, {"kept": list(kept), "psnr": scores})
     say(refinement_sentence(kept, scores))
     return _with_refine(options, kept)

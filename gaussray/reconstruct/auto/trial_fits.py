@@ -15,7 +15,7 @@ from gaussray.reconstruct.options import ReconstructOptions
 from gaussray.reconstruct.run_progress import RunProgress
 from gaussray.reconstruct.session import Session
 from gaussray.reconstruct.shared_results import SharedResults
-from gaussray.runtime.devices import leads, wait
+from gaussray.runtime.devices import barrier, is_primary
 
 
 # What the folders of fits of a trial are called.
@@ -67,7 +67,7 @@ class TrialFits:
         """
         folder = self.out / f"{_PREFIX}{name.replace(' ', '_')}"
         _remove(folder)
-        log = RunLog(folder, resume=False, interval=math.inf, writes=leads())
+        log = RunLog(folder, resume=False, interval=math.inf, writes=is_primary())
         segment = replace(self.segment, name=f"trial of {name}")
         session = Session(
             self.capture, log, options, self.quiet, self.devices, segment, hold_out, self.shared
@@ -97,6 +97,6 @@ def remove_killed_trials(out: Path) -> None:
 
 
 def _remove(folder: Path) -> None:
-    if leads():
+    if is_primary():
         shutil.rmtree(folder, ignore_errors=True)
-    wait("trial")
+    barrier("trial")

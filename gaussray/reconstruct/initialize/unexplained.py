@@ -25,8 +25,8 @@ from gaussray.reconstruct.data.backdrop import BackdropColor, before_backdrop
 from gaussray.reconstruct.data.pictures import Footage
 from gaussray.reconstruct.data.still_cameras import camera_frames, without_specks
 from gaussray.reconstruct.data.tiles import cut, tile_pixels
-from gaussray.reconstruct.initialize.stereo.beside import points_beside
 from gaussray.reconstruct.initialize.stereo.matching import reduction
+from gaussray.reconstruct.initialize.stereo.neighbour_depth import points_beside
 from gaussray.reconstruct.initialize.stereo.points import StereoPoints
 from gaussray.reconstruct.initialize.stereo.views import StereoViews, rays, stereo_views, unpacked
 from gaussray.scene.gaussians import Gaussians

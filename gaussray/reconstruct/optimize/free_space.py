@@ -82,7 +82,7 @@ def in_free_space(space: FreeBalls, mean: Float[Array, "gaussians 3"]) -> Bool[A
     return jax.lax.scan(add, none, space, unroll=8)[0]
 
 
-def without_haze(state: State, space: FreeBalls) -> State:
+def without_near_gaussians(state: State, space: FreeBalls) -> State:
     """The state without the static Gaussians in a free space: their rows are empty.
 
     Args:

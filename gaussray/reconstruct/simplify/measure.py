@@ -20,7 +20,7 @@ from gaussray.reconstruct.data.batches import gather, tile_colors, tile_rays
 from gaussray.reconstruct.data.pictures import Footage
 from gaussray.reconstruct.optimize.loss import developed
 from gaussray.reconstruct.simplify.candidate import Candidate, at_time
-from gaussray.runtime.devices import agreed
+from gaussray.runtime.devices import from_primary
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.harmonics import C0
 from gaussray.tracer.motion import Motion, key_times_across, still
@@ -218,7 +218,7 @@ class CandidateMeter:
         """
         square, most = 0.0, self.weight * 10 ** (-least / 10)
         for view in self.views:
-            square += float(agreed(self._run(_error, candidate, view)))
+            square += float(from_primary(self._run(_error, candidate, view)))
             if square > most:
                 return -math.inf
         return psnr_from_mse(square / self.weight, least=LEAST_MSE)
@@ -232,7 +232,9 @@ class CandidateMeter:
             candidate: the candidate whose Gaussians are measured.
             views: the tiles to measure on, instead of those of the meter; at least one.
         """
-        return agreed(np.sum([self._run(_weights, candidate, view) for view in views], axis=0))
+        return from_primary(
+            np.sum([self._run(_weights, candidate, view) for view in views], axis=0)
+        )
 
     def _run(self, program: _Program, candidate: Candidate, view: TileView) -> np.ndarray:
         tracing = self.tracing

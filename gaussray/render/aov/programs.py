@@ -21,9 +21,9 @@ from gaussray.geometry import normalize, safe_norm
 from gaussray.render.camera_layout import CameraLayout
 from gaussray.render.frame_times import frame_span, key_times
 from gaussray.render.parts import Part
+from gaussray.render.picture_programs import on_devices
 from gaussray.render.samples import sample_points, sample_rays
-from gaussray.render.stages import on_devices
-from gaussray.runtime.programs import ProgramCache
+from gaussray.runtime.program_cache import ProgramCache
 from gaussray.scene.normals import normals
 from gaussray.scene.point_tracks import STATIC, group_of, point_path
 from gaussray.tracer.dominant import dominant

@@ -26,7 +26,7 @@ from gaussray.render.aov.programs import (
 from gaussray.render.camera_layout import pack_camera
 from gaussray.render.list_sizes import enlarge_staged_capacity
 from gaussray.render.parts import Part
-from gaussray.render.stages import lists_program, motion_program
+from gaussray.render.picture_programs import lists_program, motion_program
 from gaussray.tracer.options import on_kernel
 from gaussray.tracer.prepare import Prepared
 from gaussray.tracer.trace import TraceOptions

@@ -16,7 +16,7 @@ from gaussray.dataset.takes import (
     write_take,
     write_takes,
 )
-from gaussray.io.atomic import sweep
+from gaussray.io.atomic import remove_partial_files
 from gaussray.render.aov.labeller import PICTURE_LABELS
 from gaussray.render.dataset import render_dataset
 from gaussray.render.develop import without_unused_seed
@@ -247,7 +247,7 @@ def _render(
     facts = _facts(sample, seed, shared.scene_hash(job.scene))
     if is_complete(folder, facts):
         return False
-    sweep(folder, deep=True)
+    remove_partial_files(folder, deep=True)
     sensor = without_unused_seed(job.dataset.sensor)
     options = dataclasses.replace(job.dataset, sensor=sensor)
     renderer = shared.renderer(job)

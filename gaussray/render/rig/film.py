@@ -7,8 +7,8 @@ import equinox as eqx
 
 from gaussray.camera.camera import Camera
 from gaussray.camera.film import Film
+from gaussray.capture.stored_part import Window
 from gaussray.capture.view_part import shutter_of_part
-from gaussray.capture.window import Window
 from gaussray.io.safe.limits import within
 
 

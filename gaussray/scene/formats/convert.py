@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from gaussray.color import srgb_decode, srgb_encode
-from gaussray.runtime.devices import leads, wait
+from gaussray.runtime.devices import barrier, is_primary
 from gaussray.scene.formats.ftgs import is_ftgs, read_ftgs
 from gaussray.scene.formats.gaussian_folder import read_model, stated_color
 from gaussray.scene.formats.gaussian_ply import write_gaussians
@@ -73,8 +73,8 @@ def import_model(
     color = stated or color
     scene, file, error = model_scene(source, color=color, iteration=iteration)
     # No process shall find what another has just written.
-    wait("import")
-    if leads():
+    barrier("import")
+    if is_primary():
         info = {"source": file.name, "color": color}
         save_scene(out / "scene.npz", scene, info=info)
     return scene, _import_report(
@@ -160,7 +160,7 @@ def export_model(
     """
     check_export(file_format)
     gaussians, colors = gaussians_at(scene, time, color=color, degree=degree)
-    if leads():
+    if is_primary():
         WRITERS[file_format](out, gaussians, color)
     return gaussians, f"{gaussians.count} Gaussians, {colors}."
 

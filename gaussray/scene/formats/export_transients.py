@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gaussray.runtime.devices import leads
+from gaussray.runtime.devices import is_primary
 from gaussray.scene.formats.convert import check_color, convert_harmonics
 from gaussray.scene.formats.ftgs import write_ftgs
 from gaussray.scene.gaussians import Gaussians, fold_tint
@@ -62,7 +62,7 @@ def export_transients(scene: Scene | Clip, out: Path | str, *, color: str, degre
     if color == "srgb":
         harmonics, _ = convert_harmonics(whole.harmonics, encode=True)
         whole = dataclasses.replace(whole, harmonics=harmonics)
-    if leads():
+    if is_primary():
         write_ftgs(out, whole)
     words = f"{whole.count} Gaussians, {parts[0].count} of which stand still"
     notes = [f"{approximated} plateaus became Gaussian windows"] if approximated else []

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from gaussray.io.atomic import whole
+from gaussray.io.atomic import atomic_path
 from gaussray.io.ply import read_vertices
 from gaussray.scene.gaussians import Gaussians, Unconstrained
 
@@ -145,7 +145,7 @@ def write_gaussians(
     head.append(f"element vertex {len(table)}")
     head += [*(f"property float {name}" for name in names), "end_header", ""]
     try:
-        with whole(path) as partial, open(partial, "wb") as file:
+        with atomic_path(path) as partial, open(partial, "wb") as file:
             file.write("\n".join(head).encode("ascii"))
             table.tofile(file)
     except OSError as error:

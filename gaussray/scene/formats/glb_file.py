@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gaussray.io.atomic import whole
+from gaussray.io.atomic import atomic_path
 from gaussray.io.safe.files import opened, parse_json
 from gaussray.io.safe.limits import within
 
@@ -142,7 +142,7 @@ def write_glb(
     if total >= 1 << 32:
         raise ValueError(f"{path}: a GLB file must be smaller than 4 GB, got {total / 1e9:.3g} GB.")
     head = _MAGIC + _words(2, total) + _words(len(text)) + _JSON + text + _words(end) + _BIN
-    with whole(path) as partial, open(partial, "wb") as file:
+    with atomic_path(path) as partial, open(partial, "wb") as file:
         file.write(head)
         file.writelines(parts)
 

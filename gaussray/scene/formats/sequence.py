@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from gaussray.io.atomic import whole
+from gaussray.io.atomic import atomic_path
 from gaussray.io.safe.files import read_json
-from gaussray.runtime.devices import leads
+from gaussray.runtime.devices import is_primary
 from gaussray.scene.formats.convert import check_export, export_model, gaussians_at
 from gaussray.scene.formats.usd import write_usd
 from gaussray.scene.scene import Scene
@@ -55,7 +55,7 @@ def export_sequence(
     times = [float(x) for x in np.linspace(begin, end, count)]
     if file_format == "usd":
         states = [gaussians_at(scene, time, color=color, degree=degree)[0] for time in times]
-        if leads():
+        if is_primary():
             write_usd(out, states, color)
         return f"{count} timestamps from {begin:g} to {end:g}."
     ending = file_format.removesuffix("4")
@@ -64,11 +64,11 @@ def export_sequence(
         export_model(
             scene, Path(out) / file, time, color=color, degree=degree, file_format=file_format
         )
-    if leads():
+    if is_primary():
         for stale in _listed(Path(out)) - set(files):
             (Path(out) / stale).unlink(missing_ok=True)
         frames = [{"file": file, "time": time} for file, time in zip(files, times, strict=True)]
-        with whole(Path(out) / TIMES_FILE) as partial:
+        with atomic_path(Path(out) / TIMES_FILE) as partial:
             partial.write_text(json.dumps({"frames": frames}, indent=1) + "\n")
     return f"{count} files, at the times {begin:g} to {end:g} ({TIMES_FILE})."
 

@@ -20,7 +20,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from gaussray.io.atomic import whole
+from gaussray.io.atomic import atomic_path
 from gaussray.io.safe.files import opened, read_binary
 from gaussray.io.safe.limits import within
 from gaussray.scene.gaussians import Gaussians
@@ -178,7 +178,7 @@ def write_spz(path: Path | str, gaussians: Gaussians, version: int = 3) -> None:
         table = [[len(a), len(b)] for a, b in zip(packed, levels, strict=True)]
         long = head + _LONG_HEADER.to_bytes(4, "little") + bytes(12)
         content = long + np.array(table, "<u8").tobytes() + b"".join(packed)
-    with whole(path) as partial:
+    with atomic_path(path) as partial:
         partial.write_bytes(content)
 
 

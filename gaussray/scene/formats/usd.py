@@ -16,7 +16,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from gaussray.io.atomic import whole
+from gaussray.io.atomic import atomic_path
 from gaussray.io.safe.limits import within
 from gaussray.scene.formats.gltf import transform_columns, upright_columns
 from gaussray.scene.gaussians import Gaussians
@@ -47,7 +47,7 @@ def write_usd(path: Path | str, states: Sequence[Gaussians], color: str) -> None
     if path.suffix not in (".usd", ".usdc", ".usda"):
         raise ValueError(f"out must end in .usd, .usdc or .usda with format=usd, got {path.name}.")
     stage = _stage(path, states, color)
-    with whole(path) as partial:
+    with atomic_path(path) as partial:
         if not stage.GetRootLayer().Export(str(partial)):
             raise OSError(f"{path}: the USD layer cannot be written.")
 

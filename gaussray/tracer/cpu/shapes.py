@@ -5,10 +5,10 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from gaussray.tracer.alive_transients import time_window_of
 from gaussray.tracer.cpu.reach import SLACK, SPHERE_ROWS, STATE_ROWS, WINDOW_ROWS
 from gaussray.tracer.motion import Motion, clipped_time, control_points, is_valid, still
 from gaussray.tracer.response import reach_radius
-from gaussray.tracer.window import time_window_of
 
 
 class Shapes(NamedTuple):

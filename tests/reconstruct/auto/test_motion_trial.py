@@ -11,7 +11,7 @@ import toy
 from gaussray.capture.formats.paired import read_capture
 from gaussray.capture.temporal_median import differs
 from gaussray.reconstruct import pipeline, plan, segment_fit
-from gaussray.reconstruct.auto import effort, machine, motion_choice, motion_trial
+from gaussray.reconstruct.auto import choice, machine, motion_choice, motion_trial
 from gaussray.reconstruct.auto.motion_choice import with_motion_tried
 from gaussray.reconstruct.auto.motion_trial import (
     motion_tiles,
@@ -121,13 +121,15 @@ def test_a_fit_is_scored_on_moving_pixels_that_no_step_draws_and_a_failed_one_lo
         return begin_state(Parameters(*parts, None)), progress
 
     names = ("deformation", "transient", "both")
-    rivals = {name: replace(toy.SHORT, fit=replace(toy.SHORT.fit, motion=name)) for name in names}
-    scores = motion_trial_scores(fits_of(capture, tmp_path, fitted), rivals, steps.__getitem__)
+    candidates = {
+        name: replace(toy.SHORT, fit=replace(toy.SHORT.fit, motion=name)) for name in names
+    }
+    scores = motion_trial_scores(fits_of(capture, tmp_path, fitted), candidates, steps.__getitem__)
     assert tried == list(names)
     # Pictures of 8 bits of the scene itself.
     assert scores["deformation"] > 40 > scores["transient"] > scores["both"] == 0
     assert not list(tmp_path.glob("trial*"))
-    line = trial_sentence(scores, effort.MOTION_NOUNS)
+    line = trial_sentence(scores, choice.MOTION_NOUNS)
     assert "fit.motion=deformation" in line and "transient Gaussians" in line
 
 
@@ -146,13 +148,13 @@ def test_fits_of_a_trial_run_at_once_where_the_machine_has_room(capture, tmp_pat
         return begin_state(Parameters(*parts, None)), progress
 
     found, scene = [], toy.scene()
-    rivals = {
+    candidates = {
         name: replace(toy.SHORT, fit=replace(toy.SHORT.fit, tile_side=side))
         for name, side in (("control_points", 16), ("deformation", 8))
     }
     fits = fits_of(capture, tmp_path, fitted, at_once=True)
-    scores = motion_trial_scores(fits, rivals, lambda _: 20)
-    assert list(scores) == list(rivals) and min(scores.values()) > 40
+    scores = motion_trial_scores(fits, candidates, lambda _: 20)
+    assert list(scores) == list(candidates) and min(scores.values()) > 40
     assert len(found) == 1
     assert not list(tmp_path.glob("trial*"))
 
@@ -187,23 +189,23 @@ def test_the_better_one_is_fitted_and_a_resumed_run_does_not_try_again(
     def tried(resume):
         fits = fits_of(capture, tmp_path, lambda *_: pytest.fail("fitted"))
         return with_motion_tried(
-            fits, usual, rivals, steps=lambda _: 20, resume=resume, say=said.append
+            fits, usual, candidates, steps=lambda _: 20, resume=resume, say=said.append
         )
 
     said, names = [], ("deformation", "transient")
-    usual = effort.Effort(capture, toy.SHORT, "")
-    rivals = {name: effort.Effort(capture, toy.SHORT, name) for name in names}
+    usual = choice.AutoChoice(capture, toy.SHORT, "")
+    candidates = {name: choice.AutoChoice(capture, toy.SHORT, name) for name in names}
     monkeypatch.setattr(
         motion_choice, "motion_trial_scores", lambda *_: {"deformation": 20.0, "transient": 21.0}
     )
     chosen, scores = tried(False)
-    assert chosen is rivals["transient"] and scores["transient"] == 21.0
+    assert chosen is candidates["transient"] and scores["transient"] == 21.0
     assert json.loads((tmp_path / "motion.json").read_text()) == scores
     assert "fit.motion=transient" in said[-1]
     monkeypatch.setattr(motion_choice, "motion_trial_scores", lambda *_: pytest.fail("tried again"))
     assert tried(True) == (chosen, scores)
     # Nothing is tried where the user chose, and nothing is left for a run to be resumed by.
-    rivals = {}
+    candidates = {}
     assert tried(False) == (usual, {}) and not (tmp_path / "motion.json").exists()
     assert tried(True) == (usual, {})
 
@@ -219,9 +221,9 @@ def test_a_trial_compares_the_smallest_pictures_and_the_fit_has_its_own(
     class Fitted(Exception):
         pass
 
-    def tried(fits, chosen, rivals, **_):
+    def tried(fits, chosen, candidates, **_):
         seen["trial"] = fits.capture.views[0].width
-        return rivals[best], {}
+        return candidates[best], {}
 
     def fitted(session, state, progress):
         seen["fit"] = session.footage.film.width

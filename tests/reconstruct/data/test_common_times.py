@@ -8,7 +8,7 @@ import toy
 
 from gaussray.camera.camera import camera_rays
 from gaussray.capture.formats.paired import read_capture
-from gaussray.reconstruct.auto.effort import motions
+from gaussray.reconstruct.auto.choice import motions
 from gaussray.reconstruct.auto.machine import Machine
 from gaussray.reconstruct.data.common_times import (
     common_times,

@@ -9,7 +9,7 @@ from gaussray.reconstruct.optimize.free_space import (
     FreeBalls,
     free_balls,
     in_free_space,
-    without_haze,
+    without_near_gaussians,
 )
 from gaussray.reconstruct.optimize.optimizer import Parameters
 from gaussray.reconstruct.optimize.rows import occupied
@@ -90,7 +90,7 @@ def test_only_static_gaussians_are_removed_and_the_rest_stays_as_it_is():
     free = unconstrain(toy.gaussians(mean, [0.1] * 3, [[0.5] * 3]))
     before = begin_state(Parameters(free, free, None))
     space = FreeBalls(np.zeros((1, 3), np.float32), np.float32([0.5]))
-    after = without_haze(before, space)
+    after = without_near_gaussians(before, space)
     assert occupied(after.parameters.static).tolist() == [False, False, True]
     kept = after.parameters.static.logit_opacity[2]
     assert kept == before.parameters.static.logit_opacity[2]
@@ -103,4 +103,4 @@ def test_a_state_without_static_gaussians_stays_as_it_is():
     free = unconstrain(toy.gaussians([[0.0, 0, 0]], 0.1, [[0.5] * 3]))
     state = begin_state(Parameters(jax.tree.map(lambda x: x[:0], free), free, None))
     space = FreeBalls(np.zeros((1, 3), np.float32), np.float32([0.5]))
-    assert without_haze(state, space) is state
+    assert without_near_gaussians(state, space) is state

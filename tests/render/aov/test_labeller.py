@@ -11,7 +11,7 @@ from gaussray.camera.aperture import Aperture, Rim
 from gaussray.camera.focus_pull import FocusPull
 from gaussray.camera.lens.division import Division
 from gaussray.camera.shutter import interlaced_row_times
-from gaussray.render import stages
+from gaussray.render import picture_programs
 from gaussray.render.aov import labeller as labels_of_frames, programs
 from gaussray.render.aov.labeller import LABELS, PICTURE_LABELS, Labeller, check_labels
 from gaussray.render.list_sizes import default_capacity
@@ -361,7 +361,7 @@ def test_lists_that_are_too_short_grow_until_nothing_is_lost():
 def test_another_lens_compiles_only_what_knows_the_camera(monkeypatch):
     """View, lens and reading; the search for surfaces, identities and paths are shared."""
     scene = plates.moved(plates.plate(3.4), rate=0.5)
-    names, made, make = ["flow_forward", "z", "normal"], [], stages.on_devices
+    names, made, make = ["flow_forward", "z", "normal"], [], picture_programs.on_devices
     asked = labeller(scene)
     asked(plates.camera(NOW, readout=READOUT), names, after=plates.camera(NEXT, readout=READOUT))
 
@@ -369,7 +369,7 @@ def test_another_lens_compiles_only_what_knows_the_camera(monkeypatch):
         made.append(function.__qualname__.split(".")[0])
         return make(function, *arguments, **options)
 
-    monkeypatch.setattr(stages, "on_devices", noted)
+    monkeypatch.setattr(picture_programs, "on_devices", noted)
     monkeypatch.setattr(programs, "on_devices", noted)
     lens = Division(*map(toy.single, ([1.1 * plates.SIDE] * 2, [plates.SIDE / 2] * 2, [-0.1], 10)))
     filmed = [

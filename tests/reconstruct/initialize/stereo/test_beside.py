@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from gaussray import Camera, Pinhole
 from gaussray.camera.camera import project
-from gaussray.reconstruct.initialize.stereo.beside import points_beside
+from gaussray.reconstruct.initialize.stereo.neighbour_depth import points_beside
 from gaussray.reconstruct.initialize.stereo.views import stereo_views
 
 

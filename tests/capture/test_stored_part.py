@@ -5,7 +5,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from gaussray.capture.window import Window, averaged
+from gaussray.capture.stored_part import Window, averaged
 
 
 # Sums of a few hundred terms in double precision.

@@ -23,9 +23,9 @@ from scenes import (
     weights,
 )
 
-from gaussray.tracer.seen import seen_counts, seen_part
 from gaussray.tracer.trace import trace
 from gaussray.tracer.traverse import Capacity
+from gaussray.tracer.visible_subset import seen_counts, seen_part
 
 
 # Of double precision: sums of the same numbers, of which none is left out.

@@ -3,7 +3,7 @@
 import jax
 import jax.numpy as jnp
 
-from gaussray.runtime.programs import ProgramCache, loops_for_sums
+from gaussray.runtime.program_cache import ProgramCache, loops_for_sums
 
 
 def test_sums_over_few_numbers_are_not_left_to_a_library():

@@ -16,7 +16,7 @@ import toy
 from gaussray.capture.formats.paired import Capture, View
 from gaussray.capture.points import Points
 from gaussray.reconstruct import step_plan
-from gaussray.reconstruct.auto.effort import effort
+from gaussray.reconstruct.auto.choice import auto_choice
 from gaussray.reconstruct.auto.machine import Machine
 from gaussray.reconstruct.data.held_out_tiles import (
     held_out_batches,
@@ -30,12 +30,12 @@ from gaussray.reconstruct.optimize.learning_rates import OptimizerOptions
 from gaussray.reconstruct.optimize.loss import LossOptions
 from gaussray.reconstruct.options import FitOptions, ReconstructOptions
 from gaussray.reconstruct.run_progress import (
-    Course,
     RunProgress,
+    StageSchedule,
     progress_from_json,
     progress_to_json,
 )
-from gaussray.reconstruct.step import schedule
+from gaussray.reconstruct.step import step_schedule
 from gaussray.reconstruct.step_plan import Plateau, StepPlan, TimedPlan
 from gaussray.tracer.trace import TraceOptions
 
@@ -57,12 +57,12 @@ def capture(count=50, width=270, height=480, times=(0.0,)):
 
 def test_without_auto_nothing_is_chosen():
     options = ReconstructOptions(fit=FitOptions(auto=False))
-    assert effort(capture(), options, GPU)[1:] == (options, "", (), 1.0)
+    assert auto_choice(capture(), options, GPU)[1:] == (options, "", (), 1.0)
 
 
 @pytest.mark.parametrize("machine", [CPU, GPU])
 def test_photographs_of_one_time_get_relocation_under_a_budget_and_a_time(machine):
-    chosen = effort(capture(), AUTO, machine)
+    chosen = auto_choice(capture(), AUTO, machine)
     fit, density = chosen.options.fit, chosen.options.density
     assert density.relocates and density.gaussians > fit.points
     assert fit.minutes >= machine.minutes and fit.tile_side == 32
@@ -75,14 +75,14 @@ def test_rates_follow_the_machine_and_what_is_set_stays(still):
     taken = capture(times=(0.0,) if still else (0.0, 1.0))
     options = ReconstructOptions(optimizer=OptimizerOptions(mean=0.1))
     for machine in (CPU, GPU):
-        chosen = effort(taken, options, machine).options.optimizer
+        chosen = auto_choice(taken, options, machine).options.optimizer
         assert chosen == replace(machine.rates(still=still), mean=0.1)
     # A step of a CPU draws fewer tiles, of stills fewest.
     assert GPU.rates(still=still).color < CPU.rates(still=False).color < CPU.rates(still=True).color
 
 
 def test_larger_captures_get_more_gaussians_and_more_time():
-    small, large = (effort(capture(n), AUTO, GPU).options for n in (50, 800))
+    small, large = (auto_choice(capture(n), AUTO, GPU).options for n in (50, 800))
     assert large.density.gaussians > small.density.gaussians
     assert 2 * small.fit.minutes < large.fit.minutes <= 4 * GPU.minutes
 
@@ -90,68 +90,70 @@ def test_larger_captures_get_more_gaussians_and_more_time():
 @pytest.mark.parametrize("still", [True, False])
 def test_pictures_are_scaled_to_what_a_cpu_has_the_time_for(still):
     taken = capture(count=32, width=1000, height=1000, times=(0.0,) if still else (0.0, 1.0))
-    views = effort(taken, AUTO, CPU).capture.views
+    views = auto_choice(taken, AUTO, CPU).capture.views
     total = sum(view.width * view.height for view in views)
     most = CPU.most_pixels("none" if still else "transient")
     assert total == pytest.approx(most, rel=0.01)
-    assert effort(taken, AUTO, GPU).capture is taken
+    assert auto_choice(taken, AUTO, GPU).capture is taken
 
 
 def test_a_gpu_gets_more_than_a_cpu():
-    cpu, gpu = (effort(capture(), AUTO, machine).options for machine in (CPU, GPU))
+    cpu, gpu = (auto_choice(capture(), AUTO, machine).options for machine in (CPU, GPU))
     assert gpu.density.gaussians > cpu.density.gaussians
     assert gpu.fit.tiles > cpu.fit.tiles and gpu.fit.degree > cpu.fit.degree
 
 
 @pytest.mark.parametrize("times", [(0.0,), (0.0, 1.0)])
 def test_each_gpu_gets_as_many_rays_as_one_alone(times):
-    one, four = (effort(capture(times=times), AUTO, Machine(True, n)).options for n in (1, 4))
+    one, four = (auto_choice(capture(times=times), AUTO, Machine(True, n)).options for n in (1, 4))
     assert four.fit.tiles == 4 * one.fit.tiles
     # The noise of a mean of four times as many gradients is half as large.
     assert four.optimizer.mean == pytest.approx(2 * one.optimizer.mean)
     assert four.optimizer.opacity == one.optimizer.opacity
     own = ReconstructOptions(fit=FitOptions(tiles=48))
-    assert effort(capture(times=times), own, Machine(True, 4)).options.optimizer == one.optimizer
+    assert (
+        auto_choice(capture(times=times), own, Machine(True, 4)).options.optimizer == one.optimizer
+    )
 
 
 def test_what_is_set_stays_set():
     options = ReconstructOptions(
         fit=FitOptions(degree=2, minutes=7.0), density=DensityOptions(gaussians=123)
     )
-    chosen = effort(capture(), options, GPU).options
+    chosen = auto_choice(capture(), options, GPU).options
     assert (chosen.fit.degree, chosen.fit.minutes) == (2, 7.0)
     assert chosen.density.gaussians == 123 and chosen.density.relocates
     # Rays are followed further than by default, unless that is set.
     assert chosen.trace.transmittance_min == 1e-3
     exact = ReconstructOptions(fit=AUTO.fit, trace=TraceOptions(levels=0, transmittance_min=0.0))
-    traced = effort(capture(), exact, GPU).options.trace
+    traced = auto_choice(capture(), exact, GPU).options.trace
     assert traced == TraceOptions(k=chosen.trace.k, levels=0, transmittance_min=0.0)
 
 
 def test_a_default_that_is_set_stays_too():
     kept = ("fit.degree", "fit.tiles", "density.kind", "fit.minutes", "fit.motion", "out")
-    moving = effort(capture(times=(0.0, 1.0)), ReconstructOptions(kept=kept), GPU).options
+    moving = auto_choice(capture(times=(0.0, 1.0)), ReconstructOptions(kept=kept), GPU).options
     assert moving.fit.motion != "auto"
-    chosen = effort(capture(), ReconstructOptions(kept=kept), GPU).options
+    chosen = auto_choice(capture(), ReconstructOptions(kept=kept), GPU).options
     assert chosen.fit.degree == 0 and chosen.fit.tiles == FitOptions().tiles
     assert chosen.density.kind == DensityOptions().kind and chosen.density.gaussians > 0
     # These say themselves that they are to be chosen.
     assert chosen.fit.minutes > 0
     # Steps that are set hold, whatever the time.
-    steps = effort(capture(), ReconstructOptions(kept=("fit.fine",)), GPU).options.fit
+    steps = auto_choice(capture(), ReconstructOptions(kept=("fit.fine",)), GPU).options.fit
     assert (steps.minutes, steps.coarse, steps.fine) == (0, 300, 2500)
 
 
 def test_given_steps_are_done_however_long_they_take():
     options = ReconstructOptions(fit=FitOptions(coarse=10, fine=20))
-    chosen = effort(capture(times=(0.0, 1.0)), options, GPU)
+    chosen = auto_choice(capture(times=(0.0, 1.0)), options, GPU)
     assert (chosen.options.fit.minutes, chosen.options.fit.coarse) == (0, 10)
     assert "10 + 20 steps" in chosen.sentence
 
 
 def test_a_static_capture_has_all_the_steps_in_one_stage():
     options = ReconstructOptions(fit=FitOptions(coarse=10, fine=2000))
-    assert ", 2,010 steps." in effort(capture(times=(0.0,)), options, GPU).sentence
+    assert ", 2,010 steps." in auto_choice(capture(times=(0.0,)), options, GPU).sentence
 
 
 def from_places(count, points=None):
@@ -171,7 +173,9 @@ def test_rigid_bodies_keep_the_defaults_on_a_cpu_and_grow_on_a_gpu():
     wanted = ReconstructOptions(fit=FitOptions(motion="deformation"))
     many = Points(np.zeros((10_000, 3), np.float32), np.zeros((10_000, 3), np.float32))
     for points in (None, many):
-        on_cpu, on_gpu = (effort(from_two_places(points), wanted, m).options for m in (CPU, GPU))
+        on_cpu, on_gpu = (
+            auto_choice(from_two_places(points), wanted, m).options for m in (CPU, GPU)
+        )
         assert on_cpu == wanted
         assert on_gpu.density.interval and on_gpu.fit.fine > AUTO.fit.fine
         assert not on_gpu.fit.minutes
@@ -185,7 +189,7 @@ def test_opacity_costs_more_where_few_viewpoints_show_a_scene(still):
         taken = from_places(places)
         if still:
             taken = replace(taken, views=[v for v in taken.views if v.time == 0.0])
-        return effort(taken, options, machine).options.density
+        return auto_choice(taken, options, machine).options.density
 
     def cost(*arguments, **options):
         return chosen(*arguments, **options).opacity_cost
@@ -205,14 +209,14 @@ def test_opacity_costs_more_where_few_viewpoints_show_a_scene(still):
 def test_a_field_on_bodies_without_given_points_is_smooth_in_time():
     wanted = ReconstructOptions(fit=FitOptions(motion="deformation"))
     assert (
-        effort(from_places(9), wanted, GPU).options.loss.time_smoothness
+        auto_choice(from_places(9), wanted, GPU).options.loss.time_smoothness
         > LossOptions().time_smoothness
     )
 
 
 @pytest.mark.parametrize("machine", [CPU, GPU])
 def test_without_points_transient_gaussians_show_what_moves(machine):
-    chosen = effort(from_two_places(), AUTO, machine)
+    chosen = auto_choice(from_two_places(), AUTO, machine)
     fit = chosen.options.fit
     assert fit.motion == "transient" and fit.minutes >= machine.minutes and fit.tile_side == 32
     assert chosen.options.density.relocates
@@ -222,9 +226,9 @@ def test_without_points_transient_gaussians_show_what_moves(machine):
 def test_a_gpu_tries_more_poses_unless_the_user_chose_some():
     wanted = ReconstructOptions(fit=FitOptions(motion="deformation"))
     taken = from_two_places(None)
-    assert effort(taken, wanted, GPU).options.track.poses > TrackOptions().poses
+    assert auto_choice(taken, wanted, GPU).options.track.poses > TrackOptions().poses
     own = replace(wanted, track=TrackOptions(poses=32))
-    assert effort(taken, own, GPU).options.track == own.track
+    assert auto_choice(taken, own, GPU).options.track == own.track
 
 
 @pytest.mark.parametrize(
@@ -235,7 +239,7 @@ def test_cameras_that_move_get_transient_gaussians_if_two_see_each_time(at_once,
     base = capture(count=at_once, times=(0.0, 0.5, 1.0))
     # Every picture is of a viewpoint of its own.
     views = [replace(v, camera_name=f"{i}") for i, v in enumerate(base.views)]
-    chosen = effort(replace(base, views=views, points=many), AUTO, GPU)
+    chosen = auto_choice(replace(base, views=views, points=many), AUTO, GPU)
     assert chosen.options.fit.motion == motion
 
 
@@ -249,7 +253,7 @@ def test_pictures_that_each_have_their_own_time_share_gaussians_on_control_point
         replace(v, camera_name=f"{k}", camera=toy.camera(0.5 * k, v.time, 270, 480))
         for k, v in zip(places, base.views, strict=True)
     ]
-    chosen = effort(replace(base, views=views), AUTO, machine)
+    chosen = auto_choice(replace(base, views=views), AUTO, machine)
     fit = chosen.options.fit
     assert fit.motion == "from_rest" and "control points that begin at rest" in chosen.sentence
     assert fit.tile_side == 32 and chosen.options.density.relocates and fit.minutes > 0
@@ -265,7 +269,7 @@ def test_transient_gaussians_show_what_a_camera_films_on_its_way(machine):
             replace(v, camera=toy.camera(angles[k], v.time, 270, 480))
             for k, v in zip(order, base.views, strict=True)
         ]
-        return effort(replace(base, views=views), AUTO, machine).options.fit.motion
+        return auto_choice(replace(base, views=views), AUTO, machine).options.fit.motion
 
     assert motion(range(20)) == "transient"
     # From places at random, each far from the one before.
@@ -276,11 +280,11 @@ def test_transient_gaussians_show_what_a_camera_films_on_its_way(machine):
 def test_a_video_of_what_stands_still_is_fitted_like_photographs(machine):
     base = capture(count=1, times=tuple(np.linspace(0, 1, 20)))
     known = ReconstructOptions(fit=FitOptions(motion="none"))
-    found = effort(base, known, machine)
+    found = auto_choice(base, known, machine)
     photographs = [replace(view, time=0.0) for view in base.views]
-    still = effort(replace(base, views=photographs), AUTO, machine).options
+    still = auto_choice(replace(base, views=photographs), AUTO, machine).options
     assert found.options == replace(still, fit=replace(still.fit, motion="none"))
-    assert "nothing moves (fit.motion=none)" in found.sentence and not found.rivals
+    assert "nothing moves (fit.motion=none)" in found.sentence and not found.candidates
     assert not (found.options.fit.deforms or found.options.fit.transient)
 
 
@@ -289,19 +293,19 @@ def test_points_on_surfaces_let_rigid_bodies_be_found():
     few = Points(many.position[:500], many.color[:500])
     # But things may be soft: a trial tells which is better.
     for machine, steps in ((CPU, 2500), (GPU, 16_000)):
-        tried = effort(from_two_places(many), AUTO, machine)
-        assert tried.rivals == ("deformation", "transient") and tried.options.fit.fine == steps
+        tried = auto_choice(from_two_places(many), AUTO, machine)
+        assert tried.candidates == ("deformation", "transient") and tried.options.fit.fine == steps
         assert tried.options.fit.motion == "deformation"
         # But not before a fit that is shorter than that.
         short = ReconstructOptions(fit=FitOptions(fine=machine.trial_steps("deformation") - 1))
-        chosen = effort(from_two_places(many), short, machine)
-        assert chosen.options.fit.motion == "deformation" and not chosen.rivals
-    assert effort(from_two_places(few), AUTO, GPU).options.fit.motion == "transient"
+        chosen = auto_choice(from_two_places(many), short, machine)
+        assert chosen.options.fit.motion == "deformation" and not chosen.candidates
+    assert auto_choice(from_two_places(few), AUTO, GPU).options.fit.motion == "transient"
     wanted = ReconstructOptions(fit=FitOptions(motion="both"))
-    chosen = effort(from_two_places(many), wanted, GPU)
-    assert chosen.options.fit.motion == "both" and not chosen.rivals
+    chosen = auto_choice(from_two_places(many), wanted, GPU)
+    assert chosen.options.fit.motion == "both" and not chosen.candidates
     wanted = ReconstructOptions(fit=FitOptions(motion="deformation"))
-    chosen = effort(from_two_places(few), wanted, GPU)
+    chosen = auto_choice(from_two_places(few), wanted, GPU)
     assert chosen.options.fit.motion == "deformation" and chosen.options.density.relocates
 
 
@@ -314,24 +318,26 @@ def test_points_on_surfaces_let_rigid_bodies_be_found():
 def test_stereo_between_many_cameras_is_worth_a_trial(cameras, start, machine, tried):
     """Of rigid bodies beside control points on a GPU, of these beside transient ones on a CPU."""
     options = ReconstructOptions(fit=FitOptions(start=start))
-    chosen = effort(from_places(cameras), options, machine)
-    rivals = ("control_points", "deformation") if machine.gpu else ("transient", "control_points")
-    assert chosen.options.fit.motion == (rivals[0] if tried else "transient")
+    chosen = auto_choice(from_places(cameras), options, machine)
+    candidates = (
+        ("control_points", "deformation") if machine.gpu else ("transient", "control_points")
+    )
+    assert chosen.options.fit.motion == (candidates[0] if tried else "transient")
     assert chosen.options.density.relocates
-    assert chosen.rivals == (rivals if tried else ())
+    assert chosen.candidates == (candidates if tried else ())
     # A step with control points takes a CPU longer, so a trial takes fewer of them.
-    steps = [machine.trial_steps(name) for name in rivals]
+    steps = [machine.trial_steps(name) for name in candidates]
     assert steps[0] == steps[1] if machine.gpu else steps[0] > steps[1]
     # Given points change which is likelier.
     many = Points(np.zeros((10_000, 3), np.float32), np.zeros((10_000, 3), np.float32))
-    given = effort(from_places(cameras, many), ReconstructOptions(), machine)
-    rival = "control_points" if cameras >= 5 else "transient"
-    rival = rival if machine.gpu else "transient"
-    assert given.rivals == ("deformation", rival)
+    given = auto_choice(from_places(cameras, many), ReconstructOptions(), machine)
+    candidate = "control_points" if cameras >= 5 else "transient"
+    candidate = candidate if machine.gpu else "transient"
+    assert given.candidates == ("deformation", candidate)
 
 
 def test_a_fixed_plan_never_changes():
-    plan = StepPlan(Course(40))
+    plan = StepPlan(StageSchedule(40))
     assert not any(plan.after_block(done) for done in range(10, 50, 10))
     assert plan.steps == plan.most == 40
 
@@ -408,14 +414,14 @@ def test_a_fit_ends_soon_after_held_out_tiles_no_longer_improve(monkeypatch):
     assert done == plan.steps == pytest.approx(1.5 * plan.stopped, abs=20) and spent < 1050
     # Rates go on falling from what they were: a little more than half of the stage was done.
     share = 1300 / 2410
-    assert plan.course.share_at(plan.stopped) == pytest.approx(share, abs=0.02)
+    assert plan.schedule.share_at(plan.stopped) == pytest.approx(share, abs=0.02)
     halfway = (plan.stopped + plan.steps) // 2
-    assert plan.course.share_at(halfway) == pytest.approx((1 + share) / 2, abs=0.02)
-    assert plan.course.share_at(plan.steps) == 1
+    assert plan.schedule.share_at(halfway) == pytest.approx((1 + share) / 2, abs=0.02)
+    assert plan.schedule.share_at(plan.steps) == 1
     # As the compiled steps see it.
     for step in (plan.stopped, halfway, plan.steps):
-        found = schedule(plan.course, 0).course.share_at(jnp.asarray(step))
-        assert float(found) == pytest.approx(plan.course.share_at(step), abs=1e-6)
+        found = step_schedule(plan.schedule, 0).stage.share_at(jnp.asarray(step))
+        assert float(found) == pytest.approx(plan.schedule.share_at(step), abs=1e-6)
     # Not before half of the plan, though the last gain is at step 500.
     last = 20.5
     assert timed(monkeypatch, seconds=1200.0, score=score)[0].stopped == 1300
@@ -427,7 +433,7 @@ def test_a_plan_that_is_nearly_done_is_not_cut(monkeypatch):
     )
     # Held-out tiles no longer improve from step 1300 on, of 1410.
     assert done == plan.steps == pytest.approx(1410, abs=20)
-    assert not plan.stopped and plan.course.share == 0
+    assert not plan.stopped and plan.schedule.share == 0
 
 
 def test_held_out_tiles_come_in_whole_batches_and_only_of_what_is_visible():
@@ -469,12 +475,12 @@ def test_a_trial_holds_out_tiles_of_small_captures_too(tiles, held):
 
 def test_a_resumed_run_keeps_the_plan():
     plan = TimedPlan(0.0, 10)
-    plan.course = Course(540, 430, 0.4)
+    plan.schedule = StageSchedule(540, 430, 0.4)
     noted = plan.noted(RunProgress())
     block = json.loads(json.dumps(progress_to_json(noted)))
-    assert progress_from_json(block, None).planned == plan.course
+    assert progress_from_json(block, None).planned == plan.schedule
     # As earlier versions wrote it.
-    assert progress_from_json(block | {"planned": 540}, None).planned == Course(540)
+    assert progress_from_json(block | {"planned": 540}, None).planned == StageSchedule(540)
     for wrong in ([540, 540, 0.4], [540, 430, 1.4], [540, 430], 0.5):
         with pytest.raises(ValueError, match="planned"):
             progress_from_json(block | {"planned": wrong}, None)

@@ -21,10 +21,10 @@ from gaussray.reconstruct.auto.machine import Machine
 from gaussray.reconstruct.auto.motion_trial import ENOUGH_CAMERAS
 from gaussray.reconstruct.auto.presets import (
     body_preset,
+    for_few_viewpoints,
     from_rest_preset,
     still_preset,
     transient_preset,
-    where_few_look,
 )
 from gaussray.reconstruct.data.segments import training_views
 from gaussray.reconstruct.data.still_cameras import one_at_a_time
@@ -40,7 +40,7 @@ MOTION_NOUNS = {
 }
 
 
-class Effort(NamedTuple):
+class AutoChoice(NamedTuple):
     """Capture and options of a fit, a sentence about what was chosen, the choices of fit.motion
     of which a trial must tell which is best (none, or the chosen one and others), and the scale of
     the capture's pictures."""
@@ -48,11 +48,11 @@ class Effort(NamedTuple):
     capture: Capture
     options: ReconstructOptions
     sentence: str
-    rivals: tuple[str, ...] = ()
+    candidates: tuple[str, ...] = ()
     scale: float = 1.0
 
 
-def effort(capture: Capture, options: ReconstructOptions, machine: Machine) -> Effort:
+def auto_choice(capture: Capture, options: ReconstructOptions, machine: Machine) -> AutoChoice:
     """What fit=auto chooses for a capture; without fit.auto, capture and options as they are.
 
     Args:
@@ -61,7 +61,7 @@ def effort(capture: Capture, options: ReconstructOptions, machine: Machine) -> E
         machine: what the steps will run on.
     """
     if not options.fit.auto:
-        return Effort(capture, options, "")
+        return AutoChoice(capture, options, "")
     views = training_views(capture)
     still = len({view.time for view in views}) == 1 or options.fit.motion == "none"
     if options.fit.tiles != FitOptions().tiles or "fit.tiles" in options.kept:
@@ -82,7 +82,7 @@ def effort(capture: Capture, options: ReconstructOptions, machine: Machine) -> E
         chosen = from_rest_preset(pixels, minutes, machine)
     else:
         chosen = transient_preset(pixels, minutes, machine, names[0])
-    chosen = where_few_look(chosen, len(set(viewpoints(views))), machine)
+    chosen = for_few_viewpoints(chosen, len(set(viewpoints(views))), machine)
     steps = options.fit.coarse, options.fit.fine
     given = not {"fit.coarse", "fit.fine"}.isdisjoint(options.kept)
     given |= steps != (FitOptions().coarse, FitOptions().fine)
@@ -91,8 +91,8 @@ def effort(capture: Capture, options: ReconstructOptions, machine: Machine) -> E
         options = replace(options, fit=replace(options.fit, minutes=0.0))
     # A fit that is shorter than a trial is worth none.
     long = options.fit.minutes > 0 or options.fit.fine >= machine.trial_steps(names[0])
-    rivals = names if len(names) > 1 and long else ()
-    return Effort(capture, options, _sentence(options, views, scale, still), rivals, scale)
+    candidates = names if len(names) > 1 and long else ()
+    return AutoChoice(capture, options, _sentence(options, views, scale, still), candidates, scale)
 
 
 def _pixels(views: Sequence[View]) -> float:

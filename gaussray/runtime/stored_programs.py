@@ -23,7 +23,7 @@ from jax.sharding import SingleDeviceSharding
 from jax.stages import Compiled, Lowered
 from jax.tree_util import PyTreeDef
 
-from gaussray.io.atomic import whole
+from gaussray.io.atomic import atomic_path
 
 
 # Files beyond so many are removed, those written first of all.
@@ -285,7 +285,7 @@ def _file(key: str) -> Path | None:
 
 def _keep(path: Path, content: bytes) -> None:
     """Write a file; the oldest ones are removed if there are too many."""
-    with whole(path) as partial:
+    with atomic_path(path) as partial:
         partial.write_bytes(content)
         partial.chmod(0o600)
     files = sorted(path.parent.glob(f"*{_SUFFIX}"), key=lambda file: file.stat().st_mtime)

@@ -38,8 +38,8 @@ def twice(number, values):
 
 
 def compare(renderer):
-    expected = list(renderer.film(views()))
-    frames = list(renderer.film_developed(views(), twice))
+    expected = list(renderer.render_frames(views()))
+    frames = list(renderer.render_developed(views(), twice))
     assert [int(frame.values[1]) for frame in frames] == [0, 1, 2]
     for frame, whole in zip(frames, expected, strict=True):
         np.testing.assert_array_equal(frame.values[0], 2 * whole.color)
@@ -58,16 +58,16 @@ def test_frames_of_several_segments_are_merged_before():
 
 def test_frames_whose_lists_were_too_short_are_developed_again():
     renderer = Renderer(toy.scene(), options=WAYS["whole"], trace=toy.TRACE)
-    list(renderer.film(views()[:1]))
+    list(renderer.render_frames(views()[:1]))
     renderer._capacity = {size: Capacity((1,), 2, 2) for size in renderer._capacity}
-    frames = list(renderer.film_developed(views(), twice))
-    expected = list(renderer.film(views()))
+    frames = list(renderer.render_developed(views(), twice))
+    expected = list(renderer.render_frames(views()))
     for frame, whole in zip(frames, expected, strict=True):
         np.testing.assert_array_equal(frame.values[0], 2 * whole.color)
 
 
 def test_each_of_two_devices_develops_its_own():
-    run = "import test_film_developed as tests; tests.run_on_two_devices()"
+    run = "import test_render_developed as tests; tests.run_on_two_devices()"
     here = Path(__file__).parent
     paths = os.pathsep.join(map(str, (here, here.parent, here.parents[1])))
     devices = {"JAX_NUM_CPU_DEVICES": "2", "JAX_PLATFORMS": "cpu", "PYTHONPATH": paths}
@@ -84,7 +84,7 @@ def run_on_two_devices():
         places.update(values.devices())
         return twice(number, values)
 
-    frames = list(renderer.film_developed(views(), develop))
+    frames = list(renderer.render_developed(views(), develop))
     assert len(places) == 2
-    for frame, whole in zip(frames, renderer.film(views()), strict=True):
+    for frame, whole in zip(frames, renderer.render_frames(views()), strict=True):
         np.testing.assert_array_equal(frame.values[0], 2 * whole.color)

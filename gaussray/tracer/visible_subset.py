@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from gaussray.camera.rays import Rays
+from gaussray.tracer.alive_transients import rows_under, swept_between, time_window_of
 from gaussray.tracer.bundle import Bundles, bound_bundles
 from gaussray.tracer.motion import (
     Motion,
@@ -21,7 +22,6 @@ from gaussray.tracer.motion import (
 from gaussray.tracer.options import TraceOptions
 from gaussray.tracer.prepare import time_span
 from gaussray.tracer.response import reach_radius
-from gaussray.tracer.window import rows_under, swept_between, time_window_of
 
 
 # Rounding errors, in units of the last place, that must not hide a Gaussian.

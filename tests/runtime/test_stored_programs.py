@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from jaxtyping import Array
 
-from gaussray.runtime import kept_programs
-from gaussray.runtime.kept_programs import KeptProgram, kept_text
+from gaussray.runtime import stored_programs
+from gaussray.runtime.stored_programs import KeptProgram, kept_text
 
 
 class Sum(eqx.Module):
@@ -32,7 +32,7 @@ class Factor(eqx.Module):
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch):
-    monkeypatch.setattr(kept_programs, "_folders", [(tmp_path, "a processor")])
+    monkeypatch.setattr(stored_programs, "_folders", [(tmp_path, "a processor")])
     return tmp_path
 
 
@@ -86,7 +86,7 @@ def test_an_expected_program_whose_file_is_damaged_is_compiled(folder):
 
 def test_what_is_not_kept_is_not_expected(monkeypatch, folder):
     assert KeptProgram(jnp.sin, (object(),)).expect(jnp.ones(2)) is None
-    monkeypatch.setattr(kept_programs, "_folders", [])
+    monkeypatch.setattr(stored_programs, "_folders", [])
     assert KeptProgram(jnp.sin, ("sine",)).expect(jnp.ones(2)) is None
 
 
@@ -117,7 +117,7 @@ def test_keys_shapes_types_and_processors_have_programs_of_their_own(folder, mon
     powers(2, traced)(jnp.arange(4.0), pair)
     powers(2, traced)(jnp.arange(3), pair)
     powers(2, traced)(np.arange(3, dtype=np.float32), pair)
-    monkeypatch.setattr(kept_programs, "_folders", [(folder, "another")])
+    monkeypatch.setattr(stored_programs, "_folders", [(folder, "another")])
     powers(2, traced)(jnp.arange(3.0), pair)
     assert traced == [2, 3, 2, 2, 2, 2] and len(list(folder.iterdir())) == 6
 
@@ -153,7 +153,7 @@ def test_a_program_that_jax_keeps_too_is_written_whole(folder):
 
 
 def test_the_oldest_files_are_removed(folder, monkeypatch):
-    monkeypatch.setattr(kept_programs, "MOST_FILES", 2)
+    monkeypatch.setattr(stored_programs, "MOST_FILES", 2)
     for power in (1, 2, 3):
         powers(power, [])(jnp.arange(3.0), {"y": np.float32(2)})
     assert len(list(folder.iterdir())) == 2
@@ -192,7 +192,7 @@ def test_options_that_differ_in_the_last_digit_have_keys_of_their_own(folder):
 
 
 def test_without_a_folder_a_program_is_an_ordinary_one(monkeypatch, folder):
-    monkeypatch.setattr(kept_programs, "_folders", [])
+    monkeypatch.setattr(stored_programs, "_folders", [])
     traced = []
     program = powers(2, traced)
     gradient = jax.grad(lambda x: program(x, {"y": x})[0].value)(3.0)
@@ -204,7 +204,7 @@ import sys
 from pathlib import Path
 import jax, jax.numpy as jnp, numpy as np
 from jax.sharding import PartitionSpec
-from gaussray.runtime.kept_programs import KeptProgram, keep_machine_code
+from gaussray.runtime.stored_programs import KeptProgram, keep_machine_code
 from gaussray.tracer.shard import mesh
 
 keep_machine_code(Path(sys.argv[1]), "a processor")

@@ -26,8 +26,8 @@ from gaussray.render.list_sizes import enlarge_staged_capacity
 from gaussray.render.options import RenderOptions
 from gaussray.render.parts import Part
 from gaussray.render.samples import sample_points, sample_rays
-from gaussray.runtime.kept_programs import KeptProgram
-from gaussray.runtime.programs import ProgramCache, quick_compilation
+from gaussray.runtime.program_cache import ProgramCache, quick_compilation
+from gaussray.runtime.stored_programs import KeptProgram
 from gaussray.tracer.composite import Pixels
 from gaussray.tracer.motion import scene_motion
 from gaussray.tracer.options import TraceOptions, on_cpu_kernel, on_kernel
@@ -85,7 +85,7 @@ def render_staged(
         settings: List sizes, key states, options and devices.
         arguments: Leaves of the scene, numbers of the camera and part of the picture.
     """
-    stages = _Stages(structure, layout, settings)
+    stages = _PicturePrograms(structure, layout, settings)
     leaves, row, part = arguments
     motion, sums = None, None
     for sample in range(settings.options.samples):
@@ -110,7 +110,7 @@ def measure_staged(
     """
     leaves, row, part = arguments
     while True:
-        stages = _Stages(structure, layout, settings)
+        stages = _PicturePrograms(structure, layout, settings)
         stages.expect(arguments)
         rays, times = stages.camera(row, part, np.int32(0))
         lists, _ = stages.lists(stages.motion(leaves, times), rays)
@@ -122,7 +122,7 @@ def measure_staged(
         settings = dataclasses.replace(settings, capacity=capacity)
 
 
-class _Stages:
+class _PicturePrograms:
     """The programs of a picture, each shared with all pictures that it is the same for."""
 
     def __init__(self, structure: PyTreeDef, layout: CameraLayout, settings: ProgramSettings):
