@@ -21,8 +21,9 @@ from gaussray.tracer import kernel
 from gaussray.tracer.bundle import morton_tiles
 from gaussray.tracer.grid import build_grid
 from gaussray.tracer.kernel_layout import gaussian_rows, grid_boxes
+from gaussray.tracer.measure import measure
 from gaussray.tracer.motion import Motion, merge_rest, still
-from gaussray.tracer.trace import TraceOptions, find_candidates, measure, time_span
+from gaussray.tracer.trace import TraceOptions, find_candidates, time_span
 from gaussray.tracer.traverse import Capacity
 
 

@@ -18,9 +18,10 @@ from benchmarks import exact, peer
 from benchmarks.problem import cameras, room, room_rays
 from benchmarks.record import backend, begin, record, show, timed
 from gaussray.tracer.bundle import morton_tiles
+from gaussray.tracer.measure import measure
 from gaussray.tracer.motion import still
 from gaussray.tracer.shard import mesh, trace_sharded
-from gaussray.tracer.trace import TraceOptions, measure
+from gaussray.tracer.trace import TraceOptions
 
 
 def main(argv: Sequence[str] | None = None) -> None:

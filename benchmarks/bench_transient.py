@@ -19,8 +19,9 @@ from benchmarks.record import backend, begin, record, show, timed
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.transient import Transients, transients_at
 from gaussray.tracer.bundle import morton_tiles
+from gaussray.tracer.measure import measure
 from gaussray.tracer.motion import Motion, still
-from gaussray.tracer.trace import TraceOptions, measure, prepare, time_span, trace
+from gaussray.tracer.trace import TraceOptions, prepare, time_span, trace
 
 
 # When the picture is taken; the clip lasts from 0 to 1.

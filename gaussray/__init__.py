@@ -55,12 +55,9 @@ if TYPE_CHECKING:
     from gaussray.scene.segmented import Clip as Clip
     from gaussray.scene.store import load_scene as load_scene, save_scene as save_scene
     from gaussray.tracer.composite import Pixels as Pixels
+    from gaussray.tracer.measure import measure as measure
     from gaussray.tracer.motion import Motion as Motion, still as still
-    from gaussray.tracer.trace import (
-        TraceOptions as TraceOptions,
-        measure as measure,
-        trace as trace,
-    )
+    from gaussray.tracer.trace import TraceOptions as TraceOptions, trace as trace
 
 # The modules of all public names. `render` and `reconstruct` are packages that can be called.
 _MODULES = {

@@ -17,9 +17,10 @@ from gaussray.color import srgb_encode
 from gaussray.geometry import product
 from gaussray.reconstruct.optimize.loss import developed
 from gaussray.scene.scene import Scene
+from gaussray.tracer.measure import enlarged_capacity, measure
 from gaussray.tracer.motion import Motion, scene_motion
 from gaussray.tracer.shard import trace_sharded
-from gaussray.tracer.trace import TraceOptions, enlarged_capacity, measure
+from gaussray.tracer.trace import TraceOptions
 from gaussray.tracer.traverse import Capacity
 
 
@@ -119,17 +120,13 @@ class ResidualEvaluator:
         inputs = scene, estimate, blocks, settings
         size = blocks.weight.shape[0], keys
         if size not in self._capacity:
-            self._capacity[size] = measure(
-                *_scene_and_rays(*inputs), options=self.trace, headroom=1.5
-            )
+            self._capacity[size] = measure(*_scene_and_rays(*inputs), options=self.trace)
         while True:
             capacity = self._capacity[size]
             colors, needed, dropped = _color_slopes(*inputs, capacity)
             if not int(dropped):
                 break
-            self._capacity[size] = enlarged_capacity(
-                capacity, [int(n) for n in needed], headroom=1.5
-            )
+            self._capacity[size] = enlarged_capacity(capacity, [int(n) for n in needed])
         bend = jnp.asarray(self.bend * deviation, estimate.value.dtype)
         equations = _normal_equations(colors, estimate, blocks, bend, self.trace.bundle)
         return jax.device_get(equations)

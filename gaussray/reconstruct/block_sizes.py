@@ -5,7 +5,7 @@ from functools import partial
 import equinox as eqx
 from jax.sharding import Mesh
 
-from gaussray.tracer.trace import enlarged_capacity
+from gaussray.tracer.measure import HEADROOM, enlarged_capacity
 from gaussray.tracer.traverse import Capacity, enlarged_size
 
 
@@ -29,8 +29,8 @@ class BlockSizes(eqx.Module):
         """Sizes for a block whose lists needed this much room."""
         lists, seen = [int(n) for n in needed], self.seen
         if seen is not None:
-            grown = partial(enlarged_size, headroom=1.5, near=1.0)
+            grown = partial(enlarged_size, headroom=HEADROOM, near=1.0)
             seen = grown(seen[0], lists[-2]), grown(seen[1], lists[-1])
             lists = lists[:-2]
-        capacity = enlarged_capacity(self.capacity, lists, headroom=1.5)
+        capacity = enlarged_capacity(self.capacity, lists)
         return BlockSizes(capacity, self.mesh, self.keys, seen)

@@ -28,8 +28,8 @@ from gaussray.reconstruct.step_loss import (
     step_rays,
 )
 from gaussray.runtime.program_cache import looped_jit
+from gaussray.tracer.measure import measure
 from gaussray.tracer.options import on_kernel
-from gaussray.tracer.trace import measure
 from gaussray.tracer.traverse import enlarged_size
 from gaussray.tracer.visible_subset import seen_counts, seen_part
 

@@ -5,13 +5,9 @@ from jax.typing import DTypeLike
 
 from gaussray.render.parts import Part
 from gaussray.scene.scene import Scene
+from gaussray.tracer.measure import enlarged_capacity
 from gaussray.tracer.options import TraceOptions, grid_levels
-from gaussray.tracer.trace import enlarged_capacity
 from gaussray.tracer.traverse import Capacity
-
-
-# Factor of the needed list sizes.
-_HEADROOM = 1.5
 
 
 def default_capacity(part: Part, trace: TraceOptions, scene: Scene, dtype: DTypeLike) -> Capacity:
@@ -36,7 +32,7 @@ def enlarge_staged_capacity(capacity: Capacity, needed: list[int]) -> Capacity:
     Args:
         capacity, needed: The sizes, and those that a trace needs (`Report.needed`).
     """
-    return round_capacity(enlarged_capacity(capacity, needed, headroom=_HEADROOM))
+    return round_capacity(enlarged_capacity(capacity, needed))
 
 
 def round_capacity(capacity: Capacity) -> Capacity:

@@ -129,6 +129,16 @@ def strip_plan(
     return rows, dataclasses.replace(trace, levels=levels)
 
 
+def strip_tops(height: int, rows: int) -> list[int]:
+    """First rows of the strips of a picture; the last one may overlap the one before.
+
+    Args:
+        height: Rows of the picture.
+        rows: Rows of a strip.
+    """
+    return [min(y, height - rows) for y in range(0, height, rows)]
+
+
 def strip_part(film: Film, rows: int, trace: TraceOptions, top: int) -> tuple[Part, TraceOptions]:
     """A strip of rows as a part, and its trace options.
 

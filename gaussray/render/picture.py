@@ -13,6 +13,7 @@ from gaussray.io.validate import check_kind
 from gaussray.render.compiled import ProgramSettings, part_values
 from gaussray.render.frame_times import frame_span
 from gaussray.render.options import RenderOptions
+from gaussray.render.parts import strip_tops
 from gaussray.render.plan import (
     NumbersNeeded,
     Plan,
@@ -24,7 +25,6 @@ from gaussray.render.plan import (
     plan as measured_plan,
     plan_key,
     shift_part,
-    strip_tops,
 )
 from gaussray.scene.scene import Scene
 from gaussray.tracer.bundle import coherent_order

@@ -19,17 +19,16 @@ from gaussray.camera.shutter import time_window
 from gaussray.io.validate import check_kind
 from gaussray.render.compiled import ProgramSettings, prepare_trace
 from gaussray.render.options import RenderOptions
-from gaussray.render.parts import Part, strip_part, strip_plan, whole_picture
+from gaussray.render.parts import Part, strip_part, strip_plan, strip_tops, whole_picture
 from gaussray.scene.scene import Scene, key_count, key_count_of
 from gaussray.scene.segmented import SCENE_RULE, Clip
+from gaussray.tracer.measure import enlarged_capacity, measure
 from gaussray.tracer.motion import Motion, key_times_across, scene_motion
 from gaussray.tracer.options import TraceOptions
-from gaussray.tracer.trace import enlarged_capacity, measure, time_span
+from gaussray.tracer.trace import time_span
 from gaussray.tracer.traverse import Capacity
 
 
-# How much longer lists are made than the first picture needs: the next ones differ.
-HEADROOM = 1.5
 # Key states of a frame without duration span this share of the scene's times, so that derivatives
 # by a time exist.
 LEAST_SPAN = 1e-2
@@ -62,7 +61,7 @@ class Plan(eqx.Module):
         """The plan with list sizes and key states for a picture that needed more
         (`Picture.needed`)."""
         *sizes, keys = (int(n) for n in np.asarray(needed))
-        capacity = enlarged_capacity(self.capacity, sizes, headroom=HEADROOM)
+        capacity = enlarged_capacity(self.capacity, sizes)
         return dataclasses.replace(self, capacity=capacity, keys=max(self.keys, keys))
 
     def missing_keys(
@@ -168,7 +167,6 @@ def _plan_of_camera(
         measure(
             *prepare_trace(scene, camera, shift_part(unknown.part(camera), top), settings=settings),
             options=trace,
-            headroom=HEADROOM,
         )
         for top in strip_tops(film.height, rows)
     ]
@@ -181,7 +179,7 @@ def _plan_of_rays(scene: Scene, rays: Rays, options: RenderOptions, trace: Trace
     keys = _keys(scene, float(span[1] - span[0]), options)
     trace = dataclasses.replace(trace, levels=0)
     motion = eqx.filter_jit(picture_motion)(scene, span, keys)
-    capacity = measure(motion, rays, options=trace, headroom=HEADROOM)
+    capacity = measure(motion, rays, options=trace)
     return Plan(capacity, keys, 0, options, trace)
 
 
@@ -220,16 +218,6 @@ def flat_rays(rays: Rays) -> Rays:
 
     more = (None if x is None else flat(x) for x in (rays.weight, rays.start))
     return Rays(flat(rays.origin, 3), flat(rays.direction, 3), flat(rays.time), *more)
-
-
-def strip_tops(height: int, rows: int) -> list[int]:
-    """First rows of the strips of a picture; the last one may overlap the one before.
-
-    Args:
-        height: Rows of the picture.
-        rows: Rows of a strip.
-    """
-    return [min(y, height - rows) for y in range(0, height, rows)]
 
 
 def shift_part(part: Part, top: Array | int) -> Part:

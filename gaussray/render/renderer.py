@@ -45,6 +45,7 @@ from gaussray.render.parts import (
     pixels_part,
     strip_part,
     strip_plan,
+    strip_tops,
     whole_picture,
 )
 from gaussray.render.picture_programs import (
@@ -56,8 +57,9 @@ from gaussray.render.views import FrameView, FrameViews, mark_single_batch
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import SCENE_RULE, Clip, segment_edges, segments_of
 from gaussray.scene.spare_rows import with_spare_rows
+from gaussray.tracer.measure import enlarged_capacity, measure
 from gaussray.tracer.shard import mesh as device_mesh
-from gaussray.tracer.trace import Report, TraceOptions, enlarged_capacity, measure
+from gaussray.tracer.trace import Report, TraceOptions
 from gaussray.tracer.traverse import Capacity, capacity_of_device
 
 
@@ -204,7 +206,7 @@ class Renderer:
             rows, trace = min(self.options.chunk_rows, film.height), self.trace
         layout = None if self._staged else views[0].layout
         batch = FrameBatch(views, alone, rows, trace, layout)
-        for top in (min(y, film.height - rows) for y in range(0, film.height, rows)):
+        for top in strip_tops(film.height, rows):
             if batch.parts and jax.default_backend() == "cpu":
                 # Parts under way together share the cores' threads, where the sums over devices of
                 # one can wait for those of another without end.
@@ -248,8 +250,7 @@ class Renderer:
         pieces = []
         for top, place, values, report in batch.parts:
             while np.asarray(report.dropped).any():
-                needed = np.asarray(report.needed).reshape(-1, report.needed.shape[-1])
-                sizes = [int(n) for n in needed.max(axis=0)]
+                sizes = report.largest_needed()
                 with self._repairing:
                     current = self._capacity[batch.size]
                     self._capacity[batch.size] = self._enlarged(current, sizes)
@@ -330,7 +331,7 @@ class Renderer:
         part = jax.device_get(part)
         camera = batch.views[0].camera
         motion, rays = prepare_trace(scene, camera, part, settings=unknown)
-        capacity = measure(motion, rays, options=trace, headroom=1.5)
+        capacity = measure(motion, rays, options=trace)
         return capacity_of_device(capacity, self.mesh.size if batch.alone else 1)
 
     def _first_sizes(self, batch: FrameBatch, place: PlacedPart, scene: Scene) -> Capacity:
@@ -347,4 +348,4 @@ class Renderer:
         """Sizes with room for what is needed."""
         if self._staged:
             return enlarge_staged_capacity(capacity, needed)
-        return enlarged_capacity(capacity, needed, headroom=1.5)
+        return enlarged_capacity(capacity, needed)

@@ -1,4 +1,4 @@
-"""The tracer: candidates of ray bundles, then the march of the bundles; and its list sizes."""
+"""The tracer: candidates of ray bundles, then the march of the bundles."""
 
 import threading
 from collections.abc import Callable
@@ -10,6 +10,7 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array, Float, Int
 
@@ -21,9 +22,7 @@ from gaussray.tracer.grid import build_grid
 from gaussray.tracer.march import march
 from gaussray.tracer.motion import Motion, clipped_time, control_weights, lit
 from gaussray.tracer.options import (
-    BACKENDS as BACKENDS,
     TraceOptions as TraceOptions,
-    grid_levels,
     on_cpu_kernel,
     on_kernel,
 )
@@ -34,7 +33,7 @@ from gaussray.tracer.prepare import (
     time_span as time_span,
 )
 from gaussray.tracer.table import Lanes, gaussian_table, table_columns
-from gaussray.tracer.traverse import Candidates, Capacity, candidates, enlarged_size
+from gaussray.tracer.traverse import Candidates, Capacity, candidates
 
 
 class Report(eqx.Module):
@@ -51,6 +50,11 @@ class Report(eqx.Module):
     dropped: Int[Array, ""]
     skipped: Int[Array, ""]
     hits: Float[Array, ""]
+
+    def largest_needed(self) -> list[int]:
+        """The needed list sizes, of several parts the largest. On the host."""
+        needed = np.asarray(self.needed)
+        return [int(n) for n in needed.reshape(-1, needed.shape[-1]).max(axis=0)]
 
 
 def trace(
@@ -75,7 +79,7 @@ def trace(
         capacity: sizes of the lists, from `measure`.
     """
     if rays.time.ndim == 1:
-        pixels, report = trace(motion, _with_sample_axis(rays), options=options, capacity=capacity)
+        pixels, report = trace(motion, with_sample_axis(rays), options=options, capacity=capacity)
         return jax.tree.map(lambda x: x[0], pixels), report
     scene = prepare_for_rays(motion, rays, options, capacity)
     if on_kernel(options, rays.time.dtype):
@@ -94,7 +98,7 @@ def _trace_kernel(
     def one(strip: kernel.Strip):
         lists = kernel.candidate_lists(stage, strip)
         sums, transmittance, hits = kernel.march_kernel(stage.program, stage.rows, strip, lists)
-        needed, dropped = _slot_needs(lists.count, capacity)
+        needed, dropped = slot_needs(lists.count, capacity)
         return sums, transmittance, needed, dropped, total_hits(hits)
 
     sums, transmittance, needed, dropped, hits = map_leading(one, strips)
@@ -123,7 +127,7 @@ def map_leading(function: Callable, tree):
     return jax.tree.map(lambda x: x[None], function(jax.tree.map(lambda x: x[0], tree)))
 
 
-def _slot_needs(count: Array, capacity: Capacity) -> tuple[Array, Array]:
+def slot_needs(count: Array, capacity: Capacity) -> tuple[Array, Array]:
     """`needed` and `dropped` of lists that only have `slots`."""
     none = jnp.zeros(len(capacity.cells) + 1, jnp.int32)
     needed = jnp.append(none, jnp.max(count))
@@ -240,7 +244,7 @@ def find_candidates(
     Raises:
         ValueError: the capacity is one for lists without a grid.
     """
-    motion, rays = jax.lax.stop_gradient((motion, moved_to_start(_with_sample_axis(rays))))
+    motion, rays = jax.lax.stop_gradient((motion, moved_to_start(with_sample_axis(rays))))
     scene = prepare_for_rays(motion, rays, replace(options, backend="array"), capacity)
     levels = bounds_of_levels(rays, scene.motion.time, options)
     if not capacity.cells:
@@ -262,89 +266,5 @@ def find_candidates(
     return lists, scene.skipped_count(skipped)
 
 
-def _with_sample_axis(rays: Rays) -> Rays:
+def with_sample_axis(rays: Rays) -> Rays:
     return rays if rays.time.ndim == 2 else jax.tree.map(lambda x: x[None], rays)
-
-
-def _needed_sizes(
-    motion, rays, *, options, capacity
-) -> tuple[Int[Array, " sizes"], Int[Array, ""]]:
-    """The list sizes that scene and rays want, and how many entries find no place."""
-    if on_kernel(options, rays.time.dtype):
-        rays = moved_to_start(_with_sample_axis(rays))
-        scene = prepare_for_rays(motion, rays, options, capacity)
-        stage, strips = kernel.kernel_inputs(
-            scene.motion, rays, scene.span, options=options, slots=capacity.slots
-        )
-        counts = map_leading(lambda strip: kernel.candidate_lists(stage, strip).count, strips)
-        return scene.with_transient_count(*_slot_needs(counts, capacity))
-    lists, _ = find_candidates(motion, rays, options=options, capacity=capacity)
-    return lists.needed, lists.dropped
-
-
-def _alive_count(motion: Motion, rays: Rays, options: TraceOptions) -> Int[Array, ""]:
-    """How many transient Gaussians some ray may meet."""
-    none = Capacity((), 0, 0)
-    scene = prepare(motion, time_span(rays), options=options, capacity=none)
-    return jnp.zeros((), jnp.int32) if scene.living is None else scene.living.needed
-
-
-# Compiled once for all measurements with the same options.
-_search = eqx.filter_jit(_needed_sizes)
-_count_alive = eqx.filter_jit(_alive_count)
-
-
-def measure(
-    motion: Motion,
-    rays: Rays,
-    *,
-    options: TraceOptions,
-    capacity: Capacity | None = None,
-    headroom: float = 1.3,
-) -> Capacity:
-    """Measure the list sizes of a trace. On the host, outside jit.
-
-    Args:
-        motion: The scene across the times of the rays.
-        rays: The rays.
-        options: Options of the tracer.
-        capacity: Sizes to start from, enlarged until none overflows; None is a small guess.
-        headroom: Factor of the needed sizes, for other frames and steps.
-    """
-    trial = capacity
-    if trial is None:
-        levels = grid_levels(options, rays.time.dtype)
-        bundles = -(-rays.time.shape[-1] // options.bundle**2)
-        trial = Capacity((256 * bundles,) * levels, 512 * bundles, 1024)
-    if motion.transient is not None and not trial.transient:
-        # Known without a search, and all other sizes depend on it.
-        trial = replace(trial, transient=max(int(_count_alive(motion, rays, options)), 1))
-    while True:
-        needed, dropped = _search(motion, rays, options=options, capacity=trial)
-        needed = [int(n) for n in needed]
-        wanted = enlarged_capacity(trial, needed, headroom=headroom)
-        if int(dropped) == 0:
-            least = Capacity((1,) * len(trial.cells), 1, 1)
-            return enlarged_capacity(least, needed, headroom=headroom)
-        trial = wanted
-
-
-def enlarged_capacity(capacity: Capacity, needed: list[int], *, headroom: float = 1.3) -> Capacity:
-    """Enlarge every size that is exceeded, or used to more than 0.8.
-
-    Enlarging all of them at once saves compilations. Slots are rounded up to a power of two.
-
-    Args:
-        capacity: The sizes.
-        needed: The needed sizes (`Report.needed`).
-        headroom: Factor of the needed sizes.
-    """
-    grown = partial(enlarged_size, headroom=headroom)
-    levels = len(capacity.cells)
-    cells, (pairs, slots, *transient) = needed[:levels], needed[levels:]
-    return Capacity(
-        cells=tuple(grown(h, w) for h, w in zip(capacity.cells, cells, strict=True)),
-        pairs=grown(capacity.pairs, pairs),
-        slots=1 << max(grown(capacity.slots, slots, near=1.0) - 1, 1).bit_length(),
-        transient=grown(capacity.transient, *transient) if transient else capacity.transient,
-    )

@@ -29,9 +29,10 @@ from gaussray.render.picture_programs import (
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip, segment_edges, segments_of
 from gaussray.scene.spare_rows import with_spare_rows
+from gaussray.tracer.measure import enlarged_capacity, measure
 from gaussray.tracer.options import grid_levels
 from gaussray.tracer.shard import mesh as device_mesh
-from gaussray.tracer.trace import Report, TraceOptions, enlarged_capacity, measure
+from gaussray.tracer.trace import Report, TraceOptions
 from gaussray.tracer.traverse import Capacity
 
 
@@ -313,6 +314,5 @@ class PreviewRenderer:
 
 def _enlarged_capacity(program: _Program, report: Report) -> Capacity:
     """List capacity enlarged to what a picture needed."""
-    needed = np.asarray(report.needed).reshape(-1, report.needed.shape[-1]).max(axis=0)
-    longer = enlarged_capacity(program.capacity, [int(n) for n in needed], headroom=_HEADROOM)
+    longer = enlarged_capacity(program.capacity, report.largest_needed(), headroom=_HEADROOM)
     return round_capacity(longer)

@@ -30,7 +30,8 @@ from scipy.spatial.transform import Rotation
 from gaussray.runtime.devices import has_machine_code
 from gaussray.tracer.bundle import bounds_of_levels
 from gaussray.tracer.cpu import cone as cpu_cone, lists as cpu_lists
-from gaussray.tracer.trace import find_candidates, measure, prepare_for_rays
+from gaussray.tracer.measure import measure
+from gaussray.tracer.trace import find_candidates, prepare_for_rays
 from gaussray.tracer.traverse import Capacity
 
 

@@ -39,12 +39,12 @@ from gaussray.tracer import options as tracer_options
 from gaussray.tracer.cpu import march as cpu_march, meet as cpu_meet
 from gaussray.tracer.cpu.block import LANES
 from gaussray.tracer.march import march
+from gaussray.tracer.measure import measure
 from gaussray.tracer.options import TraceOptions, on_cpu_kernel, on_kernel
 from gaussray.tracer.trace import (
     find_candidates,
     march_function,
     march_lists,
-    measure,
     prepare,
     time_span,
     trace,

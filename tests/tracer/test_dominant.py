@@ -11,8 +11,9 @@ from dominants import dominant_of
 
 from gaussray.camera.rays import Rays
 from gaussray.scene.gaussians import Gaussians
+from gaussray.tracer.measure import measure
 from gaussray.tracer.motion import Motion, still
-from gaussray.tracer.trace import TraceOptions, measure
+from gaussray.tracer.trace import TraceOptions
 
 
 OPTIONS = TraceOptions(k=4, bundle=2, levels=1, group=4, chunk=8, transmittance_min=0.0)

@@ -45,8 +45,9 @@ from single import (
 )
 
 from gaussray.tracer import cuda, kernel, options
+from gaussray.tracer.measure import measure
 from gaussray.tracer.motion import merge_rest
-from gaussray.tracer.trace import TraceOptions, measure, trace
+from gaussray.tracer.trace import TraceOptions, trace
 from gaussray.tracer.traverse import Capacity
 
 

@@ -10,7 +10,8 @@ from scenes import COUNT, OPTIONS, RAYS, gaussians, rays, resting, shot
 from single import roomy
 
 from gaussray.camera.rays import moved_to_start
-from gaussray.tracer.trace import measure, trace
+from gaussray.tracer.measure import measure
+from gaussray.tracer.trace import trace
 
 
 # The same lists of the same rays: rounding of single precision.

@@ -35,8 +35,9 @@ from scenes import (
 )
 
 from gaussray.scene.transient import Transients
+from gaussray.tracer.measure import measure
 from gaussray.tracer.motion import Motion
-from gaussray.tracer.trace import measure, prepare, time_span, trace
+from gaussray.tracer.trace import prepare, time_span, trace
 
 
 # Of single precision: mean absolute colour, and gradients relative to the largest.

@@ -12,7 +12,8 @@ from pictures import seen_through
 from scenes import OPTIONS, RAYS, moving, rays, shot, wandering
 
 from gaussray.tracer import traverse
-from gaussray.tracer.trace import enlarged_capacity, find_candidates, measure
+from gaussray.tracer.measure import enlarged_capacity, measure
+from gaussray.tracer.trace import find_candidates
 from gaussray.tracer.traverse import Capacity, capacity_of_device
 
 

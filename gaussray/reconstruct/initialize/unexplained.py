@@ -31,8 +31,9 @@ from gaussray.reconstruct.initialize.stereo.points import StereoPoints
 from gaussray.reconstruct.initialize.stereo.views import StereoViews, rays, stereo_views, unpacked
 from gaussray.scene.gaussians import Gaussians
 from gaussray.tracer.bundle import fill_padding, morton_tiles
+from gaussray.tracer.measure import enlarged_capacity, measure
 from gaussray.tracer.motion import Motion, still as resting
-from gaussray.tracer.trace import TraceOptions, enlarged_capacity, measure, trace
+from gaussray.tracer.trace import TraceOptions, trace
 from gaussray.tracer.traverse import Capacity
 
 
@@ -144,7 +145,7 @@ class UnexplainedPixels:
         most of the light passes."""
         seen = _bundled_rays(view, self._trace.bundle)
         if self._capacity is None:
-            self._capacity = measure(self._motion, seen, options=self._trace, headroom=1.5)
+            self._capacity = measure(self._motion, seen, options=self._trace)
         while True:
             light, distance, needed, dropped = _light(
                 self._motion,
@@ -156,7 +157,7 @@ class UnexplainedPixels:
             if not int(dropped):
                 break
             sizes = [int(n) for n in needed]
-            self._capacity = enlarged_capacity(self._capacity, sizes, headroom=1.5)
+            self._capacity = enlarged_capacity(self._capacity, sizes)
         order = _order(view.size, self._trace.bundle)
         picture = np.empty((order.max() + 1, 4), np.float32)
         both = np.concatenate([light, np.asarray(distance)[:, None]], axis=1)

@@ -23,9 +23,10 @@ from gaussray.reconstruct.simplify.candidate import Candidate, at_time
 from gaussray.runtime.devices import from_primary
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.harmonics import C0
+from gaussray.tracer.measure import enlarged_capacity, measure
 from gaussray.tracer.motion import Motion, key_times_across, still
 from gaussray.tracer.shard import trace_sharded
-from gaussray.tracer.trace import TraceOptions, enlarged_capacity, measure
+from gaussray.tracer.trace import TraceOptions
 from gaussray.tracer.traverse import Capacity
 
 
@@ -240,13 +241,13 @@ class CandidateMeter:
         tracing = self.tracing
         if self.capacity is None:
             motion = _motion(candidate, view, keys=tracing.keys)
-            self.capacity = measure(motion, view.rays, options=tracing.options, headroom=1.5)
+            self.capacity = measure(motion, view.rays, options=tracing.options)
         while True:
             value, needed, dropped = program(candidate, view, tracing, self.capacity)
             if not int(dropped):
                 return np.asarray(value, np.float64)
             wanted = [int(n) for n in needed]
-            self.capacity = enlarged_capacity(self.capacity, wanted, headroom=1.5)
+            self.capacity = enlarged_capacity(self.capacity, wanted)
 
 
 @eqx.filter_jit

@@ -15,7 +15,7 @@ from gaussray.render.aov.trace import FlatScene, FrameCameras, LabelSettings, tr
 from gaussray.render.frame import join_rows
 from gaussray.render.list_sizes import default_capacity
 from gaussray.render.options import RenderOptions
-from gaussray.render.parts import strip_part, strip_plan, whole_picture
+from gaussray.render.parts import strip_part, strip_plan, strip_tops, whole_picture
 from gaussray.scene.scene import Scene, key_count
 from gaussray.tracer.trace import TraceOptions
 from gaussray.tracer.traverse import Capacity
@@ -111,7 +111,7 @@ class Labeller:
         arrays = replace(self.trace, backend="array")
         rows, trace = strip_plan(film, self.options, arrays, self.scene.count)
         strip_of = partial(self._strip, FrameCameras(camera, before, after), names, rows)
-        tops = (min(y, film.height - rows) for y in range(0, film.height, rows))
+        tops = strip_tops(film.height, rows)
         pieces = [(top, strip_of(top, replace(trace, backend=self.trace.backend))) for top in tops]
         return {
             name: join_rows(film, [(top, strip_labels[name]) for top, strip_labels in pieces])
