@@ -231,7 +231,7 @@ def optimized_programs():
 def known_sizes():
     """Lists with room for every toy: nothing is measured, and scenes that differ in numbers alone
     share what is compiled. Where they are too short after all, they grow as ever."""
-    from gaussray.reconstruct import loop
+    from gaussray.reconstruct import step_setup
     from gaussray.reconstruct.block_sizes import BlockSizes
     from gaussray.reconstruct.simplify import measure as simplify
     from gaussray.render import renderer as render
@@ -246,7 +246,7 @@ def known_sizes():
         view = batch.views[0]
         return room(trace, renderer.scenes[view.segment].transient, view.camera.time.dtype)
 
-    def of_candidate(motion, rays, *, options, headroom):
+    def of_candidate(motion, rays, *, options):
         return room(options, motion.transient, rays.time.dtype)
 
     def of_block(state, views, batches, *_, options, mesh, keys, growth):
@@ -255,6 +255,6 @@ def known_sizes():
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(render.Renderer, "_measure", of_picture)
-        patch.setattr(loop, "measure_sizes", of_block)
+        patch.setattr(step_setup, "measure_sizes", of_block)
         patch.setattr(simplify, "measure", of_candidate)
         yield

@@ -159,6 +159,34 @@ def _drop_some(near, run, cone, room):
 
 
 @machine_code
+def _copy_column(values, table, column):
+    """Copy a row of numbers to a column of a table."""
+    for c in range(len(values)):
+        table[c, column] = values[c]
+
+
+@machine_code
+def _append_met(place, met, numbers, names, base, room):
+    """Append the Gaussians that a bundle meets to its list, and return how many it has met by now;
+    those beyond its places are only counted.
+
+    Args:
+        place: the places of the list.
+        met: how many Gaussians it has met before.
+        numbers: places in `names` of the Gaussians that were tested.
+        names: indices of the Gaussians, of this kind.
+        base: index of the first Gaussian of this kind.
+        room: negative for those that the bundle misses.
+    """
+    for i in range(len(numbers)):
+        if not room[i] < 0:
+            if met < len(place):
+                place[met] = base + names[numbers[i]]
+            met += 1
+    return met
+
+
+@machine_code
 def _list_bundle(shapes, levels, kept, work, bundle, lists):
     """Append the Gaussians of one kind to the lists of all bundles of a coarsest bundle; those that
     find no place are only counted."""
@@ -177,21 +205,16 @@ def _list_bundle(shapes, levels, kept, work, bundle, lists):
         for begin in range(0, number, TESTED_AT_ONCE):
             run = min(TESTED_AT_ONCE, number - begin)
             for i in range(run):
-                own = row[kept.all[kept.some[begin + i]]]
-                for c in range(len(own)):
-                    kept.near[c, i] = own[c]
+                _copy_column(row[kept.all[kept.some[begin + i]]], kept.near, i)
             for child in range(parent * fan, (parent + 1) * fan):
                 ellipsoids_inside(kept.near, run, row.shape[1] // STATE_ROWS, fine, child, work)
                 if stands and cones[child, 3] != cones[child, 6]:
                     _drop_some(kept.near, run, cones[child], work.room)
                 own_list = child - bundle * some * fan
-                met, at = count[own_list], own_list * slots
-                for i in range(run):
-                    if not work.room[i] < 0:
-                        if met < slots:
-                            places[at + met] = base + kept.all[kept.some[begin + i]]
-                        met += 1
-                count[own_list] = met
+                place = places[own_list * slots : (own_list + 1) * slots]
+                numbers = kept.some[begin : begin + run]
+                met = count[own_list]
+                count[own_list] = _append_met(place, met, numbers, kept.all, base, work.room)
 
 
 @allocating_code
