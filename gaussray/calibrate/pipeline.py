@@ -19,7 +19,7 @@ from gaussray.calibrate.results import (
 from gaussray.calibrate.solver import CameraSolver, Solution, block_sides
 from gaussray.camera.array import rays_per_pixel
 from gaussray.capture.capture import Capture
-from gaussray.capture.formats.transforms import PINHOLE_FILE
+from gaussray.capture.formats.transforms import effect_file
 from gaussray.capture.picture_file import check_images
 from gaussray.dataset.manifest import write_manifest
 from gaussray.io.atomic import write_json
@@ -110,8 +110,7 @@ def calibrate(
         records = calibrated_records(solver, solution, every_view, effect, cameras)
         out = Path(out)
         out.mkdir(parents=True, exist_ok=True)
-        name = PINHOLE_FILE if effect == "pinhole" else f"{effect}.json"
-        write_manifest(out / name, records, extra={"time_unit": capture.time_unit})
+        write_manifest(out / effect_file(effect), records, extra={"time_unit": capture.time_unit})
         write_json(out / "report.json", report)
     return report
 

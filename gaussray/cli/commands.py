@@ -27,7 +27,7 @@ def reconstruct_options(cfg: Configuration) -> Any:
         density=build_options(stage.DensityOptions, cfg.density),
         trace=build_options(stage.TraceOptions, cfg.trace),
         prune=build_options(stage.PruneOptions, cfg.prune),
-        kept=given_keys(),
+        explicit_keys=given_keys(),
     )
 
 
@@ -135,7 +135,7 @@ def _render(cfg: Configuration, devices: int | None) -> dict[str, Any]:
         out,
         options=job.dataset,
         quiet=cfg.quiet,
-        begun=lambda: begin_run_folder(cfg),
+        on_start=lambda: begin_run_folder(cfg),
     )
     effect, count = job.records[0].effect, len(job.records)
     text = f"{out}: {count} {'picture' if count == 1 else 'pictures'} ({effect.replace('_', ' ')})."
@@ -323,7 +323,7 @@ def _demo(cfg: Configuration, devices: int | None) -> dict[str, Any]:
         options=options,
         devices=devices,
         quiet=cfg.quiet,
-        log=_tensorboard(cfg, out),
+        listener=_tensorboard(cfg, out),
     )
     capture = read_capture(cfg.capture.path or sample("capture"))
     return {"scene": load_scene(out), "capture": capture}

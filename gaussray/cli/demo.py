@@ -34,7 +34,7 @@ def demo(
     options: DemoOptions,
     devices: int | None = None,
     quiet: bool = False,
-    log: Callable[[dict[str, Any]], None] | None = None,
+    listener: Callable[[dict[str, Any]], None] | None = None,
 ) -> dict[str, Any]:
     """Reconstruct a capture, render every effect at the held-out cameras, and compare.
 
@@ -47,7 +47,7 @@ def demo(
         options: Options of reconstruction, rendering and evaluation.
         devices: How many devices of this host to use; None is all.
         quiet: Whether to report no progress.
-        log: Is called with the scalars of every logged training step.
+        listener: Is called with every line of metrics.jsonl.
 
     Returns:
         The content of report.json: the scores of all effects and of the training views.
@@ -70,7 +70,7 @@ def demo(
         resume=(out / "checkpoint.npz").exists(),
         devices=devices,
         quiet=quiet,
-        listener=log,
+        listener=listener,
     )
     reconstructed = clock.monotonic()
 

@@ -36,8 +36,8 @@ def program() -> None:
     except KeyboardInterrupt:
         code = 130
         raise
-    except SystemExit as exit:
-        code = exit.code if isinstance(exit.code, int) else int(exit.code is not None)
+    except SystemExit as ended:
+        code = ended.code if isinstance(ended.code, int) else int(ended.code is not None)
         raise
 
 

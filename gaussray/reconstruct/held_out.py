@@ -129,7 +129,14 @@ def held_out_score(
 def held_out_scorer(
     session: Session, stage: str, views: Camera, cameras: CameraSet
 ) -> Callable[[State, BlockSizes], float] | None:
-    """The PSNR of the held-out tiles as a function of the state; None if there are none."""
+    """The PSNR of the held-out tiles as a function of the state; None if there are none.
+
+    Args:
+        session: the segment.
+        stage: coarse or fine.
+        views: the recorded cameras of all training frames, stacked.
+        cameras: the set of training cameras.
+    """
     if session.held_out is None:
         return None
     held, options = session.held_out, step_options(session, stage)

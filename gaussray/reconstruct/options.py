@@ -179,8 +179,9 @@ class ReconstructOptions(eqx.Module):
         density: How the number and the places of the Gaussians change.
         trace: How the rays of a step are traced.
         prune: What is removed after the last step.
-        kept: Full names of keys (`fit.degree`) that fit=auto leaves as they are although they have
-            their default; all that differ from it stay in any case. The command line fills it.
+        explicit_keys: Full names of keys (`fit.degree`) that fit=auto leaves as they are although
+            they have their default; all that differ from it stay in any case. The command line
+            fills it.
     """
 
     fit: FitOptions = eqx.field(default_factory=FitOptions)
@@ -193,4 +194,4 @@ class ReconstructOptions(eqx.Module):
         default_factory=lambda: TraceOptions(levels=0, transmittance_min=1e-3)
     )
     prune: PruneOptions = eqx.field(default_factory=PruneOptions)
-    kept: tuple[str, ...] = eqx.field(static=True, default=())
+    explicit_keys: tuple[str, ...] = eqx.field(static=True, default=())

@@ -1,13 +1,12 @@
 """Stage 1: pictures become a scene."""
 
-import json
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from gaussray.capture.capture import Capture
-from gaussray.io.atomic import atomic_path
+from gaussray.io.atomic import write_json
 from gaussray.io.validate import check_kind
 from gaussray.reconstruct.checks.failed_fit import demand_success
 from gaussray.reconstruct.data.training_split import demand_training_pictures
@@ -163,8 +162,7 @@ def _finish(
         _save(out / "scene.npz", result, report)
         name = f"the clip of {len(files)} segments"
         tell(summary_line(report, name) if "after" in report else "", quiet)
-    with atomic_path(out / "requirement.json") as partial:
-        partial.write_text(json.dumps(report, indent=2) + "\n")
+    write_json(out / "requirement.json", report)
     if len(files) > 1:
         _remove(files)
 

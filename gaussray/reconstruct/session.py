@@ -132,7 +132,7 @@ class Session:
             self.activity,
             tiles=options.fit.tiles,
             # At a single time nothing moves, whatever cameras that move may show.
-            balance=0.0 if single else options.fit.moving_share,
+            moving_share=0.0 if single else options.fit.moving_share,
             error=options.fit.error_share,
             seed=options.fit.seed,
             held_out=self.held_out,

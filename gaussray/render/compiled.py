@@ -285,7 +285,7 @@ def _motion(
         return dataclasses.replace(transients, scale=middle.scale, harmonics=middle.harmonics)
 
     motion = scene_motion(scene, key_time, scene.time_range)
-    if not options.dilation and options.harmonics == "ray":
+    if not options.imitates_splatting:
         return motion
     rest, transient = motion.rest, motion.transient
     return dataclasses.replace(

@@ -53,8 +53,8 @@ def render_dataset(
     *,
     options: DatasetOptions | None = None,
     quiet: bool = False,
-    begun: Callable[[], object] = lambda: None,
-    finished: Callable[[FrameRecord], object] = lambda record: None,
+    on_start: Callable[[], object] = lambda: None,
+    on_picture: Callable[[FrameRecord], object] = lambda record: None,
 ) -> Path:
     """Render a dataset into a folder: a picture per record, a manifest per effect, videos, labels.
 
@@ -69,9 +69,9 @@ def render_dataset(
         out: Folder for everything that is written.
         options: Sensor, labels, frame rate of the videos, and facts for the manifests.
         quiet: Whether to report no progress.
-        begun: Called once before the first file of the dataset is written, when it is known that
+        on_start: Called once before the first file of the dataset is written, when it is known that
             the folder holds no other one.
-        finished: Called with the record of every picture that this call has written.
+        on_picture: Called with the record of every picture that this call has written.
 
     Returns:
         The folder.
@@ -85,7 +85,7 @@ def render_dataset(
     out, scene, records = Path(out), renderer.scene, with_label_files(records, options.labels)
     check_dataset(scene, records, options)
     claim_folder(out, scene, records, _settings(renderer, options))
-    begun()
+    on_start()
     if is_primary():
         remove_partial_files(out, deep=True)
     # Hosts look for existing pictures only after host 0 has removed incomplete files.
@@ -109,7 +109,7 @@ def render_dataset(
     with ThreadPoolExecutor(cores()) as pool, Videos(out, records, options.fps, rendered) as videos:
         for done, (record, stored) in enumerate(_write_pictures(out, assigned, frames, pool), 1):
             progress.report(done, record.effect)
-            finished(record)
+            on_picture(record)
             videos.add(record, stored)
             # Now, while the devices render, and not one after another at the end.
             entries[record.file_path] = picture_entry(out, record)

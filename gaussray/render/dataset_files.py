@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gaussray.camera.sensor.sensor import sensor_record
+from gaussray.capture.formats.transforms import effect_file
 from gaussray.capture.picture_file import read_stored
 from gaussray.dataset.manifest import (
     FrameRecord,
@@ -128,7 +129,6 @@ def write_manifests(
     """
     entries = {r.file_path: entries.get(r.file_path) or picture_entry(out, r) for r in records}
     for effect in dict.fromkeys(record.effect for record in records):
-        name = "transforms" if effect == "pinhole" else effect
         frames = [r for r in records if r.effect == effect]
         used = sensor_of(frames[0], options.sensor)
         facts, extra = dict[str, Any](options.info), dict[str, Any]()
@@ -140,7 +140,7 @@ def write_manifests(
             extra["color_space"] = "linear"
         if facts:
             extra["info"] = facts
-        write_manifest(out / f"{name}.json", frames, extra=extra, entries=entries)
+        write_manifest(out / effect_file(effect), frames, extra=extra, entries=entries)
 
 
 def write_sample_count(picture: Path, samples: int, error: Float[np.ndarray, "h w"]) -> None:

@@ -60,7 +60,7 @@ class RenderOptions(eqx.Module):
             raise ValueError(f"render.samples must be at least 1, got {self.samples}.")
         if self.keys not in (0, 2) and (self.keys < 3 or self.keys % 2 == 0):
             raise ValueError(
-                f"render.keys must be 0 (as many as it takes), 2 or odd from 3, got {self.keys}."
+                f"render.keys must be 0 (chosen automatically), 2 or odd from 3, got {self.keys}."
             )
         if self.chunk_rows < 0:
             raise ValueError(f"render.chunk_rows must be at least 0, got {self.chunk_rows}.")
@@ -78,6 +78,11 @@ class RenderOptions(eqx.Module):
                 f"render.samples_most must be at least {least}, which is {BATCHES} batches of "
                 f"render.samples, got {self.samples_most}."
             )
+
+    @property
+    def imitates_splatting(self) -> bool:
+        """Whether the Gaussians depend on the camera, as in 3DGS' renderer."""
+        return self.dilation > 0 or self.harmonics == "center"
 
 
 @dataclasses.dataclass(frozen=True)

@@ -64,11 +64,10 @@ def uses_stages(options: RenderOptions, trace: TraceOptions) -> bool:
     """Whether pictures are rendered in stages.
 
     Args:
-        options: not with dilation or `harmonics="center"`: Gaussians then depend on the camera.
+        options: not if they imitate splatting: Gaussians then depend on the camera.
         trace: options of the tracer; not with the CUDA kernels.
     """
-    plain = not options.dilation and options.harmonics == "ray"
-    return plain and not on_kernel(trace, jnp.float32)
+    return not options.imitates_splatting and not on_kernel(trace, jnp.float32)
 
 
 def render_staged(

@@ -7,7 +7,7 @@ import numpy as np
 
 from gaussray.capture.capture import Capture, View
 from gaussray.capture.formats.paired import read_cameras, read_capture
-from gaussray.capture.formats.transforms import PINHOLE_FILE
+from gaussray.capture.formats.transforms import PINHOLE_FILE, effect_file
 from gaussray.dataset.takes import read_takes
 from gaussray.io.atomic import atomic_path
 from gaussray.report import calibration, cameras, dataset, evaluation, reconstruction
@@ -120,7 +120,7 @@ def _calibrate_sections(
 ) -> _Sections:
     report = json_document(out / "report.json")
     name = report["effect"]
-    views = read_cameras(out / (PINHOLE_FILE if name == "pinhole" else f"{name}.json"))
+    views = read_cameras(out / effect_file(name))
     return [
         calibration.calibration_summary(report),
         calibration.parameter_table(report),

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from gaussray.io.atomic import atomic_path
+from gaussray.io.atomic import write_json
 
 
 # The record of a run, in its output folder.
@@ -101,7 +101,9 @@ def record_start(out: Path) -> None:
     commit = git_commit()
     if commit:
         record |= {"git": commit.hash, "changed": commit.changed}
-    _write(out, record | {"python": platform.python_version(), "versions": versions()})
+    write_json(
+        out / RUN_RECORD, record | {"python": platform.python_version(), "versions": versions()}
+    )
 
 
 def record_duration(out: Path, seconds: float) -> None:
@@ -111,7 +113,7 @@ def record_duration(out: Path, seconds: float) -> None:
         out: output folder of the run.
         seconds: the duration.
     """
-    _write(out, run_record(out) | {"seconds": round(seconds, 1)})
+    write_json(out / RUN_RECORD, run_record(out) | {"seconds": round(seconds, 1)})
 
 
 def run_record(out: Path) -> dict[str, Any]:
@@ -120,8 +122,3 @@ def run_record(out: Path) -> dict[str, Any]:
         return json.loads((out / RUN_RECORD).read_text())
     except (OSError, ValueError):
         return {}
-
-
-def _write(out: Path, record: dict[str, Any]) -> None:
-    with atomic_path(out / RUN_RECORD) as partial:
-        partial.write_text(json.dumps(record, indent=2) + "\n")

@@ -275,11 +275,11 @@ def replace_invalid(g: Gaussians, fine: Bool[Array, " gaussians"]) -> Gaussians:
         fine: Which of them are valid.
     """
 
-    def replace(x: Array, axis: int) -> Array:
+    def with_ones(x: Array, axis: int) -> Array:
         shape = [-1 if i == axis else 1 for i in range(x.ndim)]
         return jnp.where(fine.reshape(shape), x, 1)
 
-    return map_arrays(replace, g)
+    return map_arrays(with_ones, g)
 
 
 def pad_gaussians(g: Gaussians) -> Gaussians:

@@ -96,7 +96,7 @@ def on_kernel(options: TraceOptions, dtype: DTypeLike) -> bool:
 def on_cpu_kernel(options: TraceOptions, dtype: DTypeLike) -> bool:
     """Whether bundles of rays of a precision march in machine code on a CPU (cpu/march.py).
 
-    Their lists are those of the array backend.
+    Machine code finds their lists as well (cpu/lists.py), without a grid.
 
     Args:
         options: Options of the tracer.

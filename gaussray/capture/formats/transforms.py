@@ -64,6 +64,11 @@ _IGNORED = {
 POINT_FILES = ("points3d.ply", "sparse_pc.ply")
 
 
+def effect_file(effect: str) -> str:
+    """The name of the JSON file with the frames of an effect."""
+    return PINHOLE_FILE if effect == "pinhole" else f"{effect}.json"
+
+
 def frames_of(top: Keys) -> list[Keys]:
     """The keys of each frame of a document, with those of the top level that it does not have.
 

@@ -57,14 +57,14 @@ def auto_choice(capture: Capture, options: ReconstructOptions, machine: Machine)
 
     Args:
         capture: the capture, of which the training views count.
-        options: the options as set; what differs from its default stays, and what is `kept`.
+        options: the options as set; what differs from its default stays, as do `explicit_keys`.
         machine: what the steps will run on.
     """
     if not options.fit.auto:
         return AutoChoice(capture, options, "")
     views = training_views(capture)
     still = len({view.time for view in views}) == 1 or options.fit.motion == "none"
-    if options.fit.tiles != FitOptions().tiles or "fit.tiles" in options.kept:
+    if options.fit.tiles != FitOptions().tiles or "fit.tiles" in options.explicit_keys:
         # Several GPUs share these tiles: each has fewer, and the rates are those of one.
         machine = machine._replace(gpus=1)
     names = ("none",) if still else motions(capture, options, machine)
@@ -84,7 +84,7 @@ def auto_choice(capture: Capture, options: ReconstructOptions, machine: Machine)
         chosen = transient_preset(pixels, minutes, machine, names[0])
     chosen = for_few_viewpoints(chosen, len(set(viewpoints(views))), machine)
     steps = options.fit.coarse, options.fit.fine
-    given = not {"fit.coarse", "fit.fine"}.isdisjoint(options.kept)
+    given = not {"fit.coarse", "fit.fine"}.isdisjoint(options.explicit_keys)
     given |= steps != (FitOptions().coarse, FitOptions().fine)
     options = with_defaults(options, chosen)
     if given or not chosen.fit.minutes:
@@ -112,8 +112,8 @@ def with_defaults(options: ReconstructOptions, chosen: ReconstructOptions) -> Re
     """The options, with others in place of those that were not set.
 
     Args:
-        options: the options as set; what differs from its default stays, and what is `kept`, unless
-            it says itself that it is to be chosen (`auto`, no minutes).
+        options: the options as set; what differs from its default stays, and so do
+            `explicit_keys`, unless a value says that it is to be chosen (`auto`, no minutes).
         chosen: the options to take where a default stands.
     """
     usual = ReconstructOptions()
@@ -125,7 +125,7 @@ def with_defaults(options: ReconstructOptions, chosen: ReconstructOptions) -> Re
             name: value
             for name, value in values.items()
             if value != getattr(default, name)
-            or f"{part}.{name}" in options.kept
+            or f"{part}.{name}" in options.explicit_keys
             and not (value == "auto" or name == "minutes")
         }
         return replace(other, **stays)

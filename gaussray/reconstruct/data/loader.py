@@ -61,9 +61,9 @@ class Loader:
 
     Args:
         footage: the training pictures.
-        activity: where they change, which `balance` goes by.
+        activity: where they change, which `moving_share` goes by.
         tiles: tiles that a step draws.
-        balance: share of the tiles drawn in proportion to their moving pixels, in [0, 1].
+        moving_share: share of the tiles drawn in proportion to their moving pixels, in [0, 1].
         error: share of the tiles drawn in proportion to their errors; 0: errors are not kept.
         seed: seed of all draws.
         held_out: tiles that are never drawn; None if there are none.
@@ -76,7 +76,7 @@ class Loader:
         activity: Activity,
         *,
         tiles: int,
-        balance: float,
+        moving_share: float,
         error: float,
         seed: int,
         held_out: Bool[np.ndarray, "frames tiles"] | None = None,
@@ -93,7 +93,7 @@ class Loader:
             activity.moved,
             visible,
             tiles=tiles,
-            balance=balance,
+            moving_share=moving_share,
             error=error,
             errors=self.errors,
         )

@@ -96,8 +96,8 @@ class Sampler:
         moved: number of moving pixels of each tile.
         visible: tiles that may be drawn, with at least one pixel that is not masked; None for all.
         tiles: tiles that a step draws.
-        balance: of the tiles that are not drawn by error, the share that is drawn in proportion to
-            their moving pixels; the rest is drawn uniformly.
+        moving_share: of the tiles that are not drawn by error, the share that is drawn in
+            proportion to their moving pixels; the rest is drawn uniformly.
         error: share of the tiles that is drawn in proportion to their errors.
         errors: the errors so far; None: none is drawn by error.
 
@@ -112,14 +112,14 @@ class Sampler:
         visible: Bool[np.ndarray, "frames tiles"] | None = None,
         *,
         tiles: int,
-        balance: float,
+        moving_share: float,
         error: float = 0.0,
         errors: TileErrors | None = None,
     ):
         self.times = np.unique(times)
         self._own = [np.flatnonzero(times == t) for t in self.times]
         self._moved, self._visible = moved, visible
-        self._tiles, self._balance = tiles, balance
+        self._tiles, self._moving_share = tiles, moving_share
         self._error, self._errors = error, errors
         seen = [visible is None or bool(visible[own].any()) for own in self._own]
         self.instants = np.flatnonzero(seen)
@@ -165,8 +165,8 @@ class Sampler:
         visible = np.ones((1, 1)) if self._visible is None else self._visible[own]
         level = _cumulative(np.broadcast_to(visible, (len(own), self._moved.shape[1])))
         moved = self._moved[own] * visible
-        if self._balance and moved.any():
-            level = (1 - self._balance) * level + self._balance * _cumulative(moved)
+        if self._moving_share and moved.any():
+            level = (1 - self._moving_share) * level + self._moving_share * _cumulative(moved)
         if self._error and self._errors is not None:
             wrong = self._errors.of(own) * visible
             if wrong.any():

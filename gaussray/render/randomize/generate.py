@@ -251,6 +251,6 @@ def _render(
     sensor = without_unused_seed(job.dataset.sensor)
     options = dataclasses.replace(job.dataset, sensor=sensor)
     renderer = shared.renderer(job)
-    render_dataset(renderer, job.records, folder, options=options, quiet=True, finished=finished)
+    render_dataset(renderer, job.records, folder, options=options, quiet=True, on_picture=finished)
     write_take(folder, facts, job.records)
     return True

@@ -132,15 +132,16 @@ def test_what_is_set_stays_set():
 
 def test_a_default_that_is_set_stays_too():
     kept = ("fit.degree", "fit.tiles", "density.kind", "fit.minutes", "fit.motion", "out")
-    moving = auto_choice(capture(times=(0.0, 1.0)), ReconstructOptions(kept=kept), GPU).options
+    explicit = ReconstructOptions(explicit_keys=kept)
+    moving = auto_choice(capture(times=(0.0, 1.0)), explicit, GPU).options
     assert moving.fit.motion != "auto"
-    chosen = auto_choice(capture(), ReconstructOptions(kept=kept), GPU).options
+    chosen = auto_choice(capture(), explicit, GPU).options
     assert chosen.fit.degree == 0 and chosen.fit.tiles == FitOptions().tiles
     assert chosen.density.kind == DensityOptions().kind and chosen.density.gaussians > 0
     # These say themselves that they are to be chosen.
     assert chosen.fit.minutes > 0
     # Steps that are set hold, whatever the time.
-    steps = auto_choice(capture(), ReconstructOptions(kept=("fit.fine",)), GPU).options.fit
+    steps = auto_choice(capture(), ReconstructOptions(explicit_keys=("fit.fine",)), GPU).options.fit
     assert (steps.minutes, steps.coarse, steps.fine) == (0, 300, 2500)
 
 

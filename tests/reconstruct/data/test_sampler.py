@@ -19,7 +19,7 @@ def sampler(balance, tiles=DRAWS, **options):
     """Two frames at time 0, of which in one a tile moves, and one at time 1, where nothing does."""
     moved = np.zeros((3, 5), np.uint16)
     moved[1, 3] = 16
-    return Sampler(TIMES, moved, tiles=tiles, balance=balance, **options)
+    return Sampler(TIMES, moved, tiles=tiles, moving_share=balance, **options)
 
 
 def shares(drawn, instant=0, steps=1, seed=0):
