@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 
 if TYPE_CHECKING:
+    from gaussray.calibrate.options import CalibrateOptions as CalibrateOptions
+    from gaussray.calibrate.pipeline import calibrate as calibrate
     from gaussray.camera.aperture import Aperture as Aperture, Rim as Rim
     from gaussray.camera.camera import Camera as Camera
     from gaussray.camera.film import Film as Film
@@ -29,16 +31,26 @@ if TYPE_CHECKING:
     from gaussray.camera.lens.thin_prism import ThinPrismFisheye as ThinPrismFisheye
     from gaussray.camera.placement import look_at as look_at, orbit as orbit
     from gaussray.camera.rays import Rays as Rays
-    from gaussray.camera.shutter import Shutter as Shutter, rolling_shutter as rolling_shutter
+    from gaussray.camera.shutter import (
+        Shutter as Shutter,
+        global_shutter as global_shutter,
+        rolling_shutter as rolling_shutter,
+    )
     from gaussray.camera.trajectory import Trajectory as Trajectory
-    from gaussray.capture.capture import Capture as Capture
+    from gaussray.capture.capture import Capture as Capture, View as View
     from gaussray.capture.open import open_capture as open_capture
+    from gaussray.capture.selection import Selection as Selection
     from gaussray.dataset.images import write_image as write_image
+    from gaussray.evaluate.options import EvaluateOptions as EvaluateOptions
+    from gaussray.evaluate.pipeline import evaluate as evaluate
+    from gaussray.prepare.options import PrepareOptions as PrepareOptions
+    from gaussray.prepare.pipeline import prepare_capture as prepare  # noqa: F401
     from gaussray.reconstruct.options import (
         FitOptions as FitOptions,
         ReconstructOptions as ReconstructOptions,
     )
     from gaussray.reconstruct.pipeline import reconstruct as reconstruct
+    from gaussray.render.frame import Frame as Frame
     from gaussray.render.options import RenderOptions as RenderOptions
     from gaussray.render.picture import (
         Picture as Picture,
@@ -57,10 +69,12 @@ if TYPE_CHECKING:
     from gaussray.tracer.composite import Pixels as Pixels
     from gaussray.tracer.measure import measure as measure
     from gaussray.tracer.motion import Motion as Motion, still as still
-    from gaussray.tracer.trace import TraceOptions as TraceOptions, trace as trace
+    from gaussray.tracer.options import TraceOptions as TraceOptions
+    from gaussray.tracer.trace import trace as trace
 
-# The modules of all public names. `render` and `reconstruct` are packages that can be called.
+# The modules of all public names but those of packages that can be called (_CALLABLE).
 _MODULES = {
+    "calibrate.options": ("CalibrateOptions",),
     "camera.aperture": ("Aperture", "Rim"),
     "camera.camera": ("Camera",),
     "camera.film": ("Film",),
@@ -79,12 +93,16 @@ _MODULES = {
     "camera.lens.thin_prism": ("ThinPrismFisheye",),
     "camera.placement": ("look_at", "orbit"),
     "camera.rays": ("Rays",),
-    "camera.shutter": ("Shutter", "rolling_shutter"),
+    "camera.shutter": ("Shutter", "global_shutter", "rolling_shutter"),
     "camera.trajectory": ("Trajectory",),
-    "capture.capture": ("Capture",),
+    "capture.capture": ("Capture", "View"),
     "capture.open": ("open_capture",),
+    "capture.selection": ("Selection",),
     "dataset.images": ("write_image",),
+    "evaluate.options": ("EvaluateOptions",),
+    "prepare.options": ("PrepareOptions",),
     "reconstruct.options": ("FitOptions", "ReconstructOptions"),
+    "render.frame": ("Frame",),
     "render.options": ("RenderOptions",),
     "render.picture": ("Picture", "render_rays"),
     "render.plan": ("Plan", "plan"),
@@ -98,10 +116,12 @@ _MODULES = {
     "scene.store": ("load_scene", "save_scene"),
     "tracer.composite": ("Pixels",),
     "tracer.motion": ("Motion", "still"),
-    "tracer.trace": ("TraceOptions", "measure", "trace"),
+    "tracer.measure": ("measure",),
+    "tracer.options": ("TraceOptions",),
+    "tracer.trace": ("trace",),
 }
 _HOME = {name: module for module, names in _MODULES.items() for name in names}
-_CALLABLE = ("reconstruct", "render")
+_CALLABLE = ("calibrate", "evaluate", "prepare", "reconstruct", "render")
 
 
 def __getattr__(name: str) -> Any:

@@ -4,6 +4,7 @@ import ast
 import importlib.metadata
 import inspect
 import pathlib
+import re
 import subprocess
 import sys
 
@@ -32,8 +33,15 @@ def test_every_public_name_is_there_and_is_listed_for_the_type_checker():
     names = set(dir(gaussray))
     assert {name for name in names if not hasattr(gaussray, name)} == set()
     (block,) = (x for x in ast.parse(SOURCE).body if isinstance(x, ast.If))
-    typed = {alias.name for line in block.body for alias in line.names}
+    typed = {alias.asname for line in block.body for alias in line.names}
     assert typed == names - {"__version__"}
+
+
+def test_every_public_name_is_in_the_table_of_the_docs():
+    page = (pathlib.Path(__file__).parents[1] / "docs/api.md").read_text()
+    rows = [line.split("|")[1] for line in page.splitlines() if line.startswith("| `")]
+    told = {name for row in rows for name in re.findall(r"`(\w+)`", row)}
+    assert told == set(dir(gaussray)) - {"__version__"}
 
 
 def test_a_name_that_is_not_there_is_an_attribute_error():
@@ -42,7 +50,8 @@ def test_a_name_that_is_not_there_is_an_attribute_error():
 
 
 def test_stages_are_packages_that_can_be_called():
-    assert callable(gaussray.render) and callable(gaussray.reconstruct)
+    for name in ("prepare", "reconstruct", "render", "evaluate", "calibrate"):
+        assert callable(getattr(gaussray, name)) and inspect.ismodule(getattr(gaussray, name))
     assert gaussray.render.Renderer is gaussray.Renderer
     assert list(inspect.signature(gaussray.render).parameters)[:2] == ["scene", "camera"]
     with pytest.raises(TypeError, match="scene"):

@@ -1,3 +1,12 @@
-"""Cameras, estimated from pictures of a known scene."""
+"""Cameras, estimated from pictures of a known scene.
+
+The package can be called: `gaussray.calibrate(...)` is `calibrate.pipeline.calibrate`.
+"""
+
+import sys
 
 from gaussray.calibrate.pipeline import CalibrateOptions as CalibrateOptions, calibrate as calibrate
+from gaussray.runtime.callable_package import callable_package
+
+
+sys.modules[__name__].__class__ = callable_package(calibrate)

@@ -7,7 +7,7 @@ from jaxtyping import Array, Float
 
 from gaussray.camera.aperture import no_aperture
 from gaussray.camera.camera import Camera
-from gaussray.camera.lens import AbstractLens, Pinhole, pinhole
+from gaussray.camera.lens import AbstractLens, Division, Pinhole, pinhole
 from gaussray.camera.shutter import Shutter, time_window
 from gaussray.camera.trajectory import pose_at, static_trajectory
 
@@ -20,8 +20,9 @@ def ideal_pinhole_of(camera: Camera) -> Camera:
     """The camera without effects: an ideal pinhole with an instantaneous exposure (label `sharp`).
 
     All rows are exposed at the middle of the frame's readout, from the pose of that moment. A
-    perspective lens keeps its focal length and center. Another lens becomes a pinhole of the same
-    horizontal field of view, the wider half of it on both sides. On the host.
+    perspective lens keeps its focal lengths and center. Another lens becomes a pinhole of the same
+    horizontal field of view, the wider half of it on both sides, with pixels of the same shape. On
+    the host.
 
     Raises:
         ValueError: The field of view is wider than `WIDEST` degrees.
@@ -44,7 +45,7 @@ def ideal_pinhole_of(camera: Camera) -> Camera:
 
 def _perspective(camera: Camera, dtype) -> AbstractLens:
     lens, film = camera.lens, camera.film
-    if isinstance(lens, Pinhole):
+    if isinstance(lens, Pinhole | Division):
         return pinhole(jnp.asarray(lens.focal), jnp.asarray(lens.center))
     half = _half_angle(lens, film.width, film.height, dtype)
     if not 0 < half <= np.deg2rad(WIDEST / 2):
@@ -53,9 +54,10 @@ def _perspective(camera: Camera, dtype) -> AbstractLens:
             f"pinhole can show, got {np.rad2deg(2 * half):.4g}. Leave sharp out, or take a lens "
             "with a narrower lens.fov."
         )
-    focal = film.width / 2 / np.tan(half)
+    across = film.width / 2 / np.tan(half)
+    x, y = np.asarray(getattr(lens, "focal", (1, 1)), float)
     center = jnp.asarray([film.width / 2, film.height / 2], dtype)
-    return pinhole(jnp.full(2, focal, dtype), center)
+    return pinhole(jnp.asarray([across, across * y / x], dtype), center)
 
 
 def _half_angle(lens: AbstractLens, width: int, height: int, dtype) -> float:

@@ -1,5 +1,6 @@
 """Places a camera by what it looks at: a fixed pose, or an orbit around a point."""
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -19,6 +20,8 @@ Point = Sequence[Any] | Array | np.ndarray
 # Poses of an orbit for each full turn: the spline through them deviates from the circle by less
 # than 1e-5 of its radius.
 POSES_PER_TURN = 48
+# Poses before the first time of an orbit and after the last: at an end, a spline is less precise.
+_BEYOND = 2
 _Z_UP = (0.0, 0.0, 1.0)
 
 
@@ -63,22 +66,29 @@ def orbit(
         times: Times of the first and the last pose, in the scene's unit.
 
     Returns:
-        A trajectory of `POSES_PER_TURN` poses a turn with a spline between them.
+        A trajectory of `POSES_PER_TURN` poses a turn with a spline between them, which goes on
+            for two poses before the first time and after the last, for exposures that reach there.
 
     Raises:
-        ValueError: The direction of view is zero or along `up`, or the times do not increase.
+        ValueError: The direction of view is zero or along `up`, the times are not two that
+            increase, or `turns` is no number.
     """
+    if not math.isfinite(turns):
+        raise ValueError(f"orbit: turns must be a number, got {turns}.")
+    if len(times) != 2:
+        raise ValueError(f"orbit: times must be the first and the last, got {tuple(times)}.")
     if not times[0] < times[1]:
         raise ValueError(f"orbit: times must increase, got {tuple(times)}.")
     first, middle, axis = _points(eye, target, up)
     axis = normalize(axis)
     position, turn = _pose(first, middle, axis)
-    count = max(round(abs(turns) * POSES_PER_TURN), 1) + 1
-    angle = jnp.linspace(0, 2 * jnp.pi * turns, count, dtype=position.dtype)
+    steps = max(math.ceil(abs(turns) * POSES_PER_TURN), 1)
+    share = jnp.arange(-_BEYOND, steps + _BEYOND + 1, dtype=position.dtype) / steps
+    angle = 2 * jnp.pi * turns * share
     turned = jax.vmap(lambda a: turning(a * axis))(angle)
     offset = product("nij,j->ni", rotation_matrix(turned), position - middle)
     quat = multiply(turned, jnp.broadcast_to(turn, turned.shape))
-    time = jnp.linspace(times[0], times[1], count, dtype=position.dtype)
+    time = times[0] + (times[1] - times[0]) * share
     return Trajectory(time, quat, middle[None] + offset, "spline")
 
 

@@ -24,10 +24,11 @@ _R_RATIO = 1.1347241384015194
 def sobol_samples(count: int) -> Float[Array, "samples 5"]:
     """The first points of the Sobol sequence, each in the middle of its stratum.
 
-    The points are those of `scipy.stats.qmc.Sobol`, in Gray code order, plus half a stratum. For a
-    power of two every coordinate takes every value (i + 1/2)/count exactly once, so the mean of a
-    function that is linear in it (the times within an exposure) is exact. A single sample is the
-    centre of the cube.
+    The points are those of `scipy.stats.qmc.Sobol`, in Gray code order. Every coordinate takes
+    every value (i + 1/2)/count exactly once, so the mean of a function that is linear in it (the
+    times within an exposure) is exact. For a power of two this is Sobol's point plus half a
+    stratum; for other counts, whose first points leave strata of Sobol's empty, a coordinate is
+    replaced by its rank. A single sample is the centre of the cube.
 
     Args:
         count: Number of samples, at least 1.
@@ -46,8 +47,9 @@ def sobol_samples(count: int) -> Float[Array, "samples 5"]:
     gray, point = number ^ (number >> 1), np.zeros((count, DIMENSIONS), np.int64)
     for bit, step in enumerate(_steps(doublings)):
         point ^= ((gray >> bit) & 1)[:, None] * step
-    point = point / 2**doublings
-    return jnp.asarray(point + 0.5 / 2**doublings, jnp.result_type(float))
+    # No two points share a coordinate. For a power of two, its rank is its stratum.
+    rank = np.argsort(np.argsort(point, axis=0), axis=0)
+    return jnp.asarray((rank + 0.5) / count, jnp.result_type(float))
 
 
 def _steps(doublings: int) -> Int[np.ndarray, "doublings 5"]:

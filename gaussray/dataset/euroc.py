@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from gaussray.camera.distortion import COEFFICIENTS
 from gaussray.camera.imu import ImuOptions, ImuSamples, imu_samples
 from gaussray.dataset.camera_paths import path_of_frames
 from gaussray.dataset.sample_files import SampleFiles
@@ -24,7 +25,7 @@ _DISTORTIONS = {
     "OPENCV_FISHEYE": ("equidistant", ("k1", "k2", "k3", "k4")),
 }
 # Coefficients of OpenCV that these models do not have.
-_MORE = ("k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "taux", "tauy")
+_MORE = COEFFICIENTS[4:]
 _IMU = "#timestamp [ns],w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1],\
 a_RS_S_x [m s^-2],a_RS_S_y [m s^-2],a_RS_S_z [m s^-2]"
 _STATE = "#timestamp,p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],\

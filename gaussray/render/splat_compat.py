@@ -17,18 +17,19 @@ from gaussray.scene.harmonics import constant_harmonics, radiance
 def dilate(gaussians: Gaussians, camera: Camera, variance: float) -> Gaussians:
     """Widen Gaussians on the screen (3DGS adds 0.3 square pixels).
 
-    scale' = sqrt(scale^2 + variance w^2) on every axis, w the width of a pixel at the Gaussian's
-    distance: the depth along the axis for a pinhole, else the distance to the lens, times the angle
-    of the middle pixel. This equals what 3DGS adds on the screen, to first order in the Gaussian's
-    size over its distance; opacities are unchanged, as there.
+    scale' = sqrt(scale^2 + variance a) on every axis, a the area of a pixel where the Gaussian is,
+    across the ray. What 3DGS adds on the screen is a disc; this is an ellipse of the same area, at
+    the angle t from the axis 1 / sqrt(cos t) times as long towards the middle and sqrt(cos t) times
+    as wide. Pixels of a pinhole have their own area each, those of other lenses that of the one on
+    the axis. Opacities are unchanged, as in 3DGS.
 
     Args:
         gaussians: The Gaussians; scales may have leading axes of times.
         camera: The camera.
         variance: In square pixels.
     """
-    width = _distance(gaussians.mean, camera) * _pixel_angle(camera)
-    wider = jnp.sqrt(gaussians.scale**2 + variance * width[..., None] ** 2)
+    area = _pixel_area(gaussians.mean, camera)
+    wider = jnp.sqrt(gaussians.scale**2 + variance * area[..., None])
     return dataclasses.replace(gaussians, scale=wider)
 
 
@@ -49,19 +50,28 @@ def colors_from_center(
     return dataclasses.replace(gaussians, harmonics=constant_harmonics(color, 0))
 
 
-def _distance(mean: Float[Array, "*times n 3"], camera: Camera) -> Float[Array, "*times n"]:
-    pose = pose_at(camera.trajectory, camera.time)
+def _pixel_area(mean: Float[Array, "*times n 3"], camera: Camera) -> Float[Array, "*times n"]:
+    """Area of a pixel across the ray, at the distance of each Gaussian."""
+    pose, lens = pose_at(camera.trajectory, camera.time), camera.lens
 
-    def distance(one: Float[Array, "3"]) -> Array:
+    def area(one: Float[Array, "3"]) -> Array:
         point = pose.inverse_apply(one)
-        return jnp.abs(point[2]) if isinstance(camera.lens, Pinhole) else safe_norm(point)
+        distance = safe_norm(point)
+        if not isinstance(lens, Pinhole):
+            return distance**2 * _pixel_on_axis(camera)
+        # A pixel of the plane z = 1, seen under the cosine z / distance.
+        cosine = jnp.abs(point[2]) / jnp.maximum(distance, jnp.finfo(point.dtype).tiny)
+        return point[2] ** 2 * cosine / (lens.focal[0] * lens.focal[1])
 
-    return jnp.vectorize(distance, signature="(k)->()")(mean)
+    return jnp.vectorize(area, signature="(k)->()")(mean)
 
 
-def _pixel_angle(camera: Camera) -> Float[Array, ""]:
-    """Radians across the pixel in the middle of the film, where lenses see best."""
-    middle = jnp.asarray([camera.film.width / 2, camera.film.height / 2], camera.time.dtype)
-    half = jnp.asarray([0.5, 0], camera.time.dtype)
-    direction = camera.lens.direction
-    return safe_norm(direction(middle + half) - direction(middle - half))
+def _pixel_on_axis(camera: Camera) -> Float[Array, ""]:
+    """Solid angle of the pixel on the optical axis; in the middle of a film without one."""
+    film, direction = camera.film, camera.lens.direction
+    middle = jnp.asarray([film.width / 2, film.height / 2], camera.time.dtype)
+    middle = getattr(camera.lens, "center", middle)
+    across, along = jnp.eye(2, dtype=middle.dtype) / 2
+    u = direction(middle + across) - direction(middle - across)
+    v = direction(middle + along) - direction(middle - along)
+    return safe_norm(jnp.cross(u, v))

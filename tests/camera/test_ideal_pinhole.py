@@ -11,7 +11,7 @@ from gaussray.camera.aperture import Aperture
 from gaussray.camera.camera import Camera
 from gaussray.camera.film import Film
 from gaussray.camera.ideal_pinhole import ideal_pinhole_of
-from gaussray.camera.lens import KannalaBrandt, pinhole
+from gaussray.camera.lens import Division, KannalaBrandt, pinhole
 from gaussray.camera.shutter import Shutter
 from gaussray.camera.trajectory import Trajectory
 
@@ -41,6 +41,19 @@ def test_a_perspective_lens_loses_its_distortion_and_the_pose_is_that_of_the_mid
     # Rows 0 to 10 are read from 4.5 to 5.5.
     np.testing.assert_allclose([twin.time, twin.trajectory.translation[0, 0]], 5.0, rtol=1e-12)
     assert not any(jax.tree.leaves(twin.shutter))
+
+
+def test_a_lens_with_another_model_of_distortion_is_a_perspective_one_too():
+    lens = Division((30.0, 31.0), (9.0, 6.0), (-0.1,), 0.8)
+    twin = ideal_pinhole_of(filmed(lens))
+    np.testing.assert_array_equal(twin.lens.focal, lens.focal)
+    np.testing.assert_array_equal(twin.lens.center, lens.center)
+
+
+def test_pixels_keep_their_shape():
+    lens = KannalaBrandt([12.5, 10.0], jnp.array([10.0, 5.5]), jnp.zeros(4), jnp.array(1.5))
+    x, y = np.asarray(ideal_pinhole_of(filmed(lens)).lens.focal)
+    np.testing.assert_allclose(y / x, 0.8, rtol=1e-12)
 
 
 def test_a_fisheye_becomes_the_pinhole_of_the_same_angle_across():

@@ -9,8 +9,8 @@ from gaussray.camera.trajectory import pose_at
 
 
 EXACT = 1e-12
-# Of a spline through 48 poses a turn: place in radii, direction in radians.
-SPLINE = 3e-4
+# Of a spline through 48 poses a turn: distance in radii; direction in radians.
+SPLINE, DIRECTION = 1e-5, 4e-5
 
 
 def test_the_target_is_ahead_and_up_is_up():
@@ -28,9 +28,20 @@ def test_an_orbit_keeps_distance_height_and_target():
         np.testing.assert_allclose(pose.translation[2], 1, atol=SPLINE)
         np.testing.assert_allclose(np.hypot(*pose.translation[:2]), 2, atol=2 * SPLINE)
         ahead = pose.inverse_apply(target)
-        np.testing.assert_allclose(ahead, [0, 0, np.hypot(2, 0.5)], atol=3 * SPLINE)
+        np.testing.assert_allclose(ahead, [0, 0, np.hypot(2, 0.5)], atol=2 * DIRECTION)
     quarter = pose_at(path, jnp.asarray(2.5)).translation
     np.testing.assert_allclose(quarter, [0, 2, 1], atol=EXACT)  # counter-clockwise from above
+
+
+@pytest.mark.parametrize("turns", [0.02, -0.03, 0.05, 1.3])
+def test_an_arc_is_one_and_goes_on_beyond_its_times(turns):
+    path = orbit((2, 0, 1), turns=turns)
+    for time in (-0.01, 0.0, 0.01, 0.5, 0.99, 1.01):
+        angle = 2 * np.pi * turns * time
+        expected = [2 * np.cos(angle), 2 * np.sin(angle), 1]
+        place = pose_at(path, jnp.asarray(time)).translation
+        np.testing.assert_allclose(place, expected, atol=2 * DIRECTION)
+        assert abs(np.hypot(*place[:2]) - 2) < 2 * SPLINE
 
 
 def test_a_view_along_up_is_refused():
@@ -38,3 +49,7 @@ def test_a_view_along_up_is_refused():
         look_at((0, 0, 3))
     with pytest.raises(ValueError, match="times must increase"):
         orbit((1, 0, 0), times=(1.0, 1.0))
+    with pytest.raises(ValueError, match="turns must be a number, got nan"):
+        orbit((1, 0, 0), turns=np.nan)
+    with pytest.raises(ValueError, match="times must be the first and the last"):
+        orbit((1, 0, 0), times=(0.0, 1.0, 2.0))

@@ -12,8 +12,8 @@ def test_one_sample_is_the_centre():
     np.testing.assert_array_equal(sobol_samples(1), np.full((1, 5), 0.5))
 
 
-@pytest.mark.parametrize("count", [2, 16, 256])
-def test_powers_of_two_fill_every_stratum_of_every_coordinate_once(count):
+@pytest.mark.parametrize("count", [2, 3, 5, 12, 16, 100, 256])
+def test_points_fill_every_stratum_of_every_coordinate_once(count):
     expected = np.repeat((np.arange(count)[:, None] + 0.5) / count, 5, axis=1)
     np.testing.assert_allclose(np.sort(sobol_samples(count), axis=0), expected, atol=1e-12)
 
@@ -33,12 +33,18 @@ def test_film_points_fill_every_elementary_square_once():
     assert len({tuple(c) for c in cell}) == 16
 
 
-@pytest.mark.parametrize("count", [3, 12, 100])
-def test_any_count_lies_inside_the_unit_cube(count):
-    points = np.array(sobol_samples(count))
-    assert points.shape == (count, 5)
-    assert (points > 0).all() and (points < 1).all()
-    assert np.abs(points.mean(axis=0) - 0.5).max() < 1 / count
+@pytest.mark.parametrize("count", [6, 12, 100])
+def test_any_count_is_better_spread_than_random_points(count):
+    """Mean squares of what a plane through the cube cuts off, beside those of points at random."""
+    dice, points = np.random.default_rng(0), np.array(sobol_samples(count))
+    normals = dice.normal(size=(500, 5))
+    many = dice.uniform(size=(20_000, 5))
+
+    def error(some):
+        shares = [np.mean((x - 0.5) @ normals.T > 0.3, axis=0) for x in (some, many)]
+        return np.mean((shares[0] - shares[1]) ** 2)
+
+    assert error(points) < 0.5 * np.mean([error(dice.uniform(size=(count, 5))) for _ in range(20)])
 
 
 def test_no_samples_are_refused():

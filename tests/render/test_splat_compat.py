@@ -51,13 +51,22 @@ def some(count=50, coefficients=4):
     ), ahead
 
 
-def test_a_pinhole_widens_by_the_variance_times_the_squared_pixel_at_the_depth():
+@pytest.mark.parametrize("shift", [0.0, 40.0])
+def test_what_a_pinhole_adds_covers_as_many_pixels_as_3dgs_adds_anywhere(shift):
     own, ahead = some()
-    focal = float(camera().lens.focal[0])
-    wide = dilate(own, camera(), 0.3)
-    expected = np.asarray(own.scale, np.float64) ** 2 + 0.3 * (ahead[:, 2:] / focal) ** 2
-    # The middle pixel's angle is 1 / focal to second order.
-    np.testing.assert_allclose(np.asarray(wide.scale) ** 2, expected, rtol=1e-3)
+    ahead[:, :2] *= 5
+    turn, eye = pose()
+    own = dataclasses.replace(own, mean=jnp.asarray(ahead @ turn.T + eye, jnp.float32))
+    lens = camera().lens
+    lens = dataclasses.replace(lens, focal=lens.focal * 1.5, center=lens.center + shift)
+    wide = dilate(own, dataclasses.replace(camera(), lens=lens), 0.3)
+    added = np.asarray(wide.scale, np.float64) ** 2 - np.asarray(own.scale, np.float64) ** 2
+    (fx, fy), (x, y, z) = np.asarray(lens.focal, np.float64), ahead.T
+    zero = np.zeros_like(x)
+    jacobian = np.array([[fx / z, zero, -fx * x / z**2], [zero, fy / z, -fy * y / z**2]])
+    shown = np.einsum("ikn,jkn->nij", jacobian, jacobian) * added[:, :1, None]
+    # Single precision of the sums of squares of which the added one is the smaller.
+    np.testing.assert_allclose(np.sqrt(np.linalg.det(shown)), 0.3, rtol=1e-3)
     assert wide.opacity is own.opacity and wide.mean is own.mean
 
 

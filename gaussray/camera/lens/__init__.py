@@ -6,6 +6,7 @@ A new lens is a new file that lists its models (`registry.py`); it needs no line
 from gaussray.camera.lens.abstract import AbstractLens as AbstractLens, FocalLens as FocalLens
 from gaussray.camera.lens.blender_polynomial import FisheyePolynomial as FisheyePolynomial
 from gaussray.camera.lens.check import check_lens as check_lens
+from gaussray.camera.lens.division import Division as Division
 from gaussray.camera.lens.equirectangular import Equirectangular as Equirectangular
 from gaussray.camera.lens.f_theta import (
     POLYNOMIALS as POLYNOMIALS,

@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 from gaussray.camera.camera import Camera
 from gaussray.camera.film import Film
 from gaussray.camera.shutter import (
+    DIRECTIONS,
     Shutter,
     check_shutter,
     global_shutter,
@@ -109,6 +110,8 @@ def _new_shutter(film: Film, options: ShutterOptions) -> Shutter:
     table = {"rolling": None, "table": options.row_times}.get(options.kind)
     if options.kind == "interlaced":
         table = interlaced_row_times(rows, options.field_time, options.first_field)
+        # Fields are those of the picture's rows, times are in the order of readout.
+        table = table[::-1] if options.direction in DIRECTIONS[1::2] else table
     shutter = Shutter(
         _float32(-readout / 2),
         _float32(options.row_step or row_step_of(readout, rows)),

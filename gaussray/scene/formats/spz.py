@@ -11,6 +11,7 @@ back, against right, down, forward of PLY files: y and z change sign.
 """
 
 import gzip
+import warnings
 import zlib
 from collections.abc import Sequence
 from importlib import import_module
@@ -166,6 +167,7 @@ def write_spz(path: Path | str, gaussians: Gaussians, version: int = 3) -> None:
         _pack_quaternions(np.asarray(gaussians.quat, np.float64)),
         128 * (harmonics[:, 1:] * _ODD[:rest, None]).reshape(len(mean), 3 * rest) + 128,
     ]
+    _warn_of_range(path, parts)
     levels = [np.clip(np.round(p), 0, 255).astype(np.uint8).tobytes() for p in parts]
     degree = round(np.sqrt(rest + 1)) - 1
     streams = len(_COLUMNS) if version == 4 else 0
@@ -180,6 +182,25 @@ def write_spz(path: Path | str, gaussians: Gaussians, version: int = 3) -> None:
         content = long + np.array(table, "<u8").tobytes() + b"".join(packed)
     with atomic_path(path) as partial:
         partial.write_bytes(content)
+
+
+def _warn_of_range(path: Path | str, parts: Sequence[np.ndarray]) -> None:
+    """Warn of numbers for which the format has no room."""
+    names = {2: "colours (-0.44 to 1.44)", 3: "scales (4.5e-5 to 380)", 5: "harmonics (-1 to 1)"}
+    beyond = {
+        name: np.mean(np.any((parts[i] < -0.5) | (parts[i] > 255.5), axis=1))
+        for i, name in names.items()
+        if parts[i].size
+    }
+    told = [
+        f"{name} of {100 * share:.2g} % of the Gaussians" for name, share in beyond.items() if share
+    ]
+    if told:
+        warnings.warn(
+            f"{path}: SPZ has no room for {' and '.join(told)}: they are cut to what it can hold. "
+            "Use PLY where they matter.",
+            stacklevel=3,
+        )
 
 
 def _gunzip(path: Path | str) -> bytes:

@@ -211,6 +211,11 @@ def test_a_readout_is_a_row_step_and_fields_and_tables_are_row_times(views):
     record = built(views, shutter=fields)[0]
     assert record.effect == "interlaced"
     np.testing.assert_allclose(record.camera.shutter.row_times[:3], [0.05, -0.05, 0.05])
+    # Fields are rows of the picture: the last row, which is read first, is an odd one.
+    upwards = dataclasses.replace(fields, direction="bottom_to_top")
+    shutter = built(views, shutter=upwards)[0].camera.shutter
+    assert rows % 2 == 0
+    np.testing.assert_allclose(shutter.row_times[:2], [-0.05, 0.05])
     times = tuple(float(x) for x in np.linspace(0, 1, rows) ** 2)
     table = built(views, shutter=rig.ShutterOptions("table", row_times=times))[0]
     assert table.effect == "rolling_shutter"

@@ -79,6 +79,13 @@ def test_positions_that_have_no_room_are_refused(tmp_path):
         write_spz(tmp_path / "a.spz", far)
 
 
+def test_numbers_that_have_no_room_are_told(tmp_path):
+    some = gaussians(count=2)
+    large = Gaussians(some.mean, some.quat, some.scale.at[1].set(1000), some.opacity, some.harmonics)
+    with pytest.warns(UserWarning, match=r"no room for scales \(4.5e-5 to 380\) of 50 %"):
+        write_spz(tmp_path / "a.spz", large)
+
+
 def splat_bytes(count=50):
     rng = np.random.default_rng(1)
     table = np.zeros(count, [("x", "<f4", 6), ("rgba", "u1", 4), ("quat", "u1", 4)])
