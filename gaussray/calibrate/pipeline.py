@@ -1,12 +1,13 @@
 """Calibration: camera parameters estimated from pictures of a known scene."""
 
 import time as clock
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from gaussray.calibrate.observations import check_views, read_observation, selected_views
 from gaussray.calibrate.options import CalibrateOptions as CalibrateOptions
-from gaussray.calibrate.parameters import prepare_lens, unit_camera_set, unknowns
+from gaussray.calibrate.parameters import Unknown, prepare_lens, unit_camera_set, unknowns
 from gaussray.calibrate.residuals import ResidualEvaluator
 from gaussray.calibrate.results import (
     calibrated_records,
@@ -16,7 +17,7 @@ from gaussray.calibrate.results import (
     residual_psnr,
     unknown_labels,
 )
-from gaussray.calibrate.solver import CameraSolver, Solution, block_sides
+from gaussray.calibrate.solver import CameraSolver, Observation, Solution, block_sides
 from gaussray.camera.array import rays_per_pixel
 from gaussray.capture.capture import Capture
 from gaussray.capture.formats.transforms import effect_file
@@ -78,13 +79,7 @@ def calibrate(
     observations = [
         read_observation(scene, view, lens, cameras.index(view.camera_name)) for view in views
     ]
-    samples = options.samples or max(rays_per_pixel(one.camera) for one in observations)
-    residuals = ResidualEvaluator(
-        samples=samples, trace=trace or TraceOptions(), bend=options.huber_threshold
-    )
-    solver = CameraSolver(
-        observations, parameters, unit_camera_set(observations[0].camera), residuals
-    )
+    solver = _solver(observations, parameters, options, trace or TraceOptions())
     labelled, levels = unknown_labels(solver, cameras), block_sides(observations, options.coarsest)
     check_effect(solver.recorded_sums(levels[0]), labelled)
 
@@ -113,6 +108,19 @@ def calibrate(
         write_manifest(out / effect_file(effect), records, extra={"time_unit": capture.time_unit})
         write_json(out / "report.json", report)
     return report
+
+
+def _solver(
+    observations: Sequence[Observation],
+    parameters: tuple[Unknown, ...],
+    options: CalibrateOptions,
+    trace: TraceOptions,
+) -> CameraSolver:
+    """The solver, which renders as many rays a pixel as the effects of the pictures need."""
+    samples = options.samples or max(rays_per_pixel(one.camera) for one in observations)
+    residuals = ResidualEvaluator(samples=samples, trace=trace, bend=options.huber_threshold)
+    cameras = unit_camera_set(observations[0].camera)
+    return CameraSolver(observations, parameters, cameras, residuals)
 
 
 def _quality(solution: Solution) -> dict[str, Any]:

@@ -95,11 +95,16 @@ def demo(
         "evaluate": round(clock.monotonic() - reconstructed, 1),
         "total": round(clock.monotonic() - began, 1),
     }
-    if not is_primary():
-        return report
-    # The scores of the training views are a row of the report, not a folder.
-    shutil.rmtree(out / "train", ignore_errors=True)
-    write_json(out / "report.json", report)
+    if is_primary():
+        # The scores of the training views are a row of the report, not a folder.
+        shutil.rmtree(out / "train", ignore_errors=True)
+        write_json(out / "report.json", report)
+        _tell(report, out)
+    return report
+
+
+def _tell(report: dict[str, Any], out: Path) -> None:
+    """Print the scores, and where the pictures are."""
     say(scores_text({"effects": {"training views": report["train"], **report["effects"]}}))
     facts = report["scene"]
     say(
@@ -107,4 +112,3 @@ def demo(
         f"{facts['bytes'] / 1e6:.1f} MB in memory; {report['seconds']['total']:.0f} s in total. "
         f"See {out / 'report.html'}, {out / 'contact_sheet.png'} and the videos in {out}."
     )
-    return report

@@ -11,8 +11,9 @@ from gaussray.io.validate import check_kind
 from gaussray.reconstruct.checks.failed_fit import demand_success
 from gaussray.reconstruct.data.training_split import demand_training_pictures
 from gaussray.reconstruct.log import RunLog
+from gaussray.reconstruct.optimize.state import State
 from gaussray.reconstruct.options import ReconstructOptions as ReconstructOptions
-from gaussray.reconstruct.plan import fit_plan
+from gaussray.reconstruct.plan import FitPlan, fit_plan
 from gaussray.reconstruct.run_progress import RunProgress
 from gaussray.reconstruct.same_capture import demand_same_capture, write_capture_facts
 from gaussray.reconstruct.segment_fit import (
@@ -108,6 +109,29 @@ def reconstruct(
     state, progress = log.resumed() if resume else (None, RunProgress(segments=len(plan.segments)))
     _demand_same_segments(progress, len(plan.segments))
     files = _scene_files(out, len(plan.segments))
+    scenes, reports = _fit_segments(plan, log, state, progress, files, devices=devices, quiet=quiet)
+    result, report = scenes[0], reports[0]
+    if len(scenes) > 1:
+        result, report = Clip(tuple(scenes)), clip_report(reports)
+    if is_primary():
+        _finish(out, result, report, files, quiet)
+        log.checkpoint.unlink(missing_ok=True)
+    barrier("reconstructed")
+    return result
+
+
+def _fit_segments(
+    plan: FitPlan,
+    log: RunLog,
+    state: State | None,
+    progress: RunProgress,
+    files: list[Path],
+    *,
+    devices: int | None,
+    quiet: bool,
+) -> tuple[list[Any], list[dict[str, Any]]]:
+    """The scenes of all segments and their reports. Those of earlier segments are read from
+    `files`; the others are fitted one after another, each from the end of the one before."""
     finished = files[: progress.segment - 1]
     scenes: list[Any] = [load_scene(path) for path in finished]
     reports = [scene_info(path) for path in finished]
@@ -123,7 +147,7 @@ def reconstruct(
         if is_primary():
             _save(file, scene, report)
             if file == files[0]:
-                write_refined_cameras(out / "cameras.json", session, state)
+                write_refined_cameras(log.out / "cameras.json", session, state)
         # Hosts that write no file do not know its size.
         if not quiet:
             for sentence in segment_sentences(session, state, report, first=file == files[0]):
@@ -136,14 +160,7 @@ def reconstruct(
         # Its pictures make room for those of the next segment.
         del session
         shared = SharedResults()
-    result, report = scenes[0], reports[0]
-    if len(scenes) > 1:
-        result, report = Clip(tuple(scenes)), clip_report(reports)
-    if is_primary():
-        _finish(out, result, report, files, quiet)
-        log.checkpoint.unlink(missing_ok=True)
-    barrier("reconstructed")
-    return result
+    return scenes, reports
 
 
 def _scene_files(out: Path, count: int) -> list[Path]:
