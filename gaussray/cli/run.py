@@ -23,6 +23,7 @@ from gaussray.runtime.devices import (
     is_primary,
     start_devices,
 )
+from gaussray.runtime.errors import FitError
 from gaussray.runtime.lock import release_locks
 from gaussray.runtime.output import emit
 from gaussray.runtime.progress import (
@@ -67,8 +68,7 @@ def _run_and_report(words: list[str]) -> None:
     except (ValueError, OSError, RuntimeError, MemoryError) as error:
         if is_memory(error) and not os.environ.get("GAUSSRAY_TRACEBACK"):
             _fail(memory_message(words[0], error, _resume_hint(words[0])))
-        failed_fit = type(error).__name__ in ("NonFiniteLoss", "FailedFit")
-        unknown = isinstance(error, RuntimeError) and not failed_fit
+        unknown = isinstance(error, RuntimeError) and not isinstance(error, FitError)
         if unknown or os.environ.get("GAUSSRAY_TRACEBACK"):
             _raise_bug(error)
         message = str(error)

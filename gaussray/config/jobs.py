@@ -72,7 +72,7 @@ def render_job(
     fps = as_type(float, cfg.fps, "fps")
     if not fps > 0:
         raise ValueError(f"fps must be above 0, got {fps}.")
-    labels = as_type(tuple, to_plain(cfg.labels), "labels")
+    labels = as_type(tuple, to_plain(cfg.get("labels", ())), "labels")
     check_labels(labels)
     scene = load(cfg.scene)
     views = chosen_views(cfg, scene, rig.camera, cameras)

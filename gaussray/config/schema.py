@@ -26,6 +26,10 @@ _ALIASES = {
     "optimizer.motion": "optimizer.mean_head",
     "prune.weigh": "prune.contribution_tiles",
     "calibrate.bend": "calibrate.huber_threshold",
+    **{
+        f"evaluate.{name}": f"evaluate.samples_{name}"
+        for name in ("pinhole", "rolling_shutter", "fisheye", "depth_of_field", "other")
+    },
 }
 _RENAMED_GROUPS = {"need": "prune", "factory": "dataset"}
 # Keys whose values are paths.

@@ -4,15 +4,17 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Int
 
 from gaussray.prepare.epipolar import EpipolarPair
 from gaussray.prepare.exposure import LEAST_SHARED
+from gaussray.prepare.features import MatchingPicture
 from gaussray.prepare.lens_check import is_unreadable, lens_complaint
 from gaussray.prepare.lens_models import lens_fov
 from gaussray.prepare.options import SyncOptions
 from gaussray.prepare.poses import Placement
 from gaussray.prepare.sources import Source
-from gaussray.prepare.sparse_model import camera_centres
+from gaussray.prepare.sparse_model import SparseModel, camera_centres
 from gaussray.prepare.sync import Sync
 from gaussray.prepare.timeline import Timeline, of_one_rate, resampled
 
@@ -132,8 +134,7 @@ def camera_findings(placement: Placement) -> list[Finding]:
         text = f"only {found} of {total} pictures have a pose"
         return [Finding("refuse", "cameras", text, remedy)]
     if missing:
-        names = ", ".join(p.camera if p.camera in placement.still else f"{p.camera} {p.instant}"
-                          for p in missing[:8])  # fmt: skip
+        names = ", ".join(_picture_name(p, placement) for p in missing[:8])
         text = f"{found} of {total} pictures have a pose; left out: {names}"
         findings = [Finding("warn", "cameras", text, remedy)]
     else:
@@ -168,14 +169,8 @@ def lens_findings(placement: Placement) -> list[Finding]:
     for (level, reason), names in complaints.items():
         listed = ", ".join(names[:8]) + ("..." if len(names) > 8 else "")
         if level and placement.known:
-            text = f"{listed}: the calibration has {reason}"
-            remedy = "Check that the file is of this camera, zoom and picture size."
             unread = any(is_unreadable(lenses[name]) for name in names)
-            if unread:
-                remedy += (
-                    " Calibrate again with the board at the edges, too, or take the video away."
-                )
-            findings.append(Finding("refuse" if unread else "warn", "lens", text, remedy))
+            findings.append(_calibrated_lens(listed, reason, unread))
         elif level:
             findings.append(
                 Finding(
@@ -213,6 +208,18 @@ def lens_findings(placement: Placement) -> list[Finding]:
     return findings
 
 
+def _calibrated_lens(names: str, reason: str, unread: bool) -> Finding:
+    """The finding about an unusual lens of a calibration, which is refused only if readers refuse
+    it."""
+    remedy = "Check that the file is of this camera, zoom and picture size."
+    if "turns back within" in reason:
+        remedy += " Calibrate again with the board at the edges, too"
+        remedy += ", or take the video away." if unread else "; these pixels do not count."
+    return Finding(
+        "refuse" if unread else "warn", "lens", f"{names}: the calibration has {reason}", remedy
+    )
+
+
 def point_findings(placement: Placement) -> list[Finding]:
     """Reprojection errors and numbers of observations."""
     model = placement.model
@@ -223,8 +230,9 @@ def point_findings(placement: Placement) -> list[Finding]:
             "by the epipolar lines that calibration and videos belong together."
         )
         return [Finding("warn", "points", text, remedy)]
-    errors = picture_errors(placement)
-    few = [name for name, (count, _, _) in errors.items() if count < OBSERVATIONS]
+    shown = [placement.pictures[file] for file in model.pictures]
+    counts = zip(shown, observations_by_picture(model), strict=True)
+    few = [_picture_name(p, placement) for p, count in counts if count < OBSERVATIONS]
     scale = max(lens["w"] for lens in model.lenses) / 1000
     median = float(np.median(model.observations.error))
     findings = []
@@ -289,6 +297,17 @@ def exposure_findings(gains: dict[str, tuple[np.ndarray, int]]) -> list[Finding]
         remedy = "fit.refine=[exposure]; better: lock exposure and white balance when recording."
         return [Finding("warn", "exposure", text, remedy)]
     return [Finding("good", "exposure", f"cameras agree to {size:.2f} stops")]
+
+
+def _picture_name(picture: MatchingPicture, placement: Placement) -> str:
+    """A camera that stands still has one pose, for which its name stands."""
+    still = picture.camera in placement.still
+    return picture.camera if still else f"{picture.camera} {picture.instant}"
+
+
+def observations_by_picture(model: SparseModel) -> Int[np.ndarray, " pictures"]:
+    """Number of observations of each registered picture."""
+    return np.bincount(model.observations.picture, minlength=len(model.pictures))
 
 
 def camera_lenses(placement: Placement) -> dict[str, dict]:

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Bool, Float
 
-from gaussray.capture.formats.lenses import LARGEST_DARK_SHARE
+from gaussray.capture.formats.lenses import LARGEST_DARK_SHARE, unusual_pixels
 from gaussray.prepare.lens_models import LensKeyValues, fisheye_angles, lens_fov
 from gaussray.prepare.sparse_model import camera_of, pixel_rays
 
@@ -15,6 +15,9 @@ FOCAL = (0.2, 8.0)
 UNUSUAL, IMPOSSIBLE = 0.35, 0.7
 # Shift of the principal point from the middle, as a share of the width.
 CENTRE = 0.1
+# Share of the picture that may have no viewing direction with a lens that was estimated: there a
+# larger one shows an estimate that went wrong, not a lens that was calibrated in the middle alone.
+ESTIMATED_DARK_SHARE = 0.25
 
 
 def corner_distortion(lens: LensKeyValues) -> float:
@@ -40,7 +43,8 @@ def lens_complaint(lens: LensKeyValues) -> tuple[str, str]:
     """What is wrong with a lens: a level (`refuse`, `warn` or empty) and the reason.
 
     A pinhole without directions for the corners is no more than a warning, because readers of
-    captures leave these pixels out.
+    captures leave these pixels out. Levels are those of lenses that were estimated; of a known one
+    readers take what is not `is_unreadable`.
     """
     fisheye = "FISHEYE" in lens["camera_model"]
     share = lens["fl_x"] / lens["w"]
@@ -50,9 +54,8 @@ def lens_complaint(lens: LensKeyValues) -> tuple[str, str]:
             f"a focal length of {lens['fl_x']:.4g} pixels for a picture {lens['w']} wide "
             f"({lens_fov(lens):.3g} degrees), which hardly any lens has"
         )
-    aspect = lens["fl_y"] / lens["fl_x"]
-    if not 0.9 <= aspect <= 1.1:
-        return "refuse", f"pixels that are {aspect:.3g} times as high as wide"
+    if unusual := unusual_pixels(lens["fl_x"], lens["fl_y"]):
+        return "refuse", unusual
     bend = corner_distortion(lens)
     if np.isnan(bend) or not fisheye and _dark(lens, np.array([0.0, 1.0])).any():
         return _turning_back(lens)
@@ -68,14 +71,16 @@ def lens_complaint(lens: LensKeyValues) -> tuple[str, str]:
 
 def _turning_back(lens: LensKeyValues) -> tuple[str, str]:
     """The complaint about a lens that has no ray for a corner."""
-    if "FISHEYE" in lens["camera_model"] or is_unreadable(lens):
+    percent = 100 * _dark_share(lens)
+    if "FISHEYE" in lens["camera_model"] or percent > 100 * ESTIMATED_DARK_SHARE:
         return "refuse", (
             "distortion that turns back within the picture, of which about "
-            f"{100 * _dark_share(lens):.0f} % get no viewing direction"
+            f"{percent:.0f} % get no viewing direction"
         )
+    # In steps of five, so that like cameras are told of together.
     return "warn", (
-        "distortion that turns back before the corners of the picture, which get no viewing "
-        "direction and do not count"
+        "distortion that turns back before the corners of the picture, of which about "
+        f"{max(5 * round(percent / 5), 1)} % get no viewing direction and do not count"
     )
 
 

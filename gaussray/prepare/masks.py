@@ -35,12 +35,15 @@ def copy_masks(sources: Sequence[Source], timeline: Timeline, files: dict[str, l
         files: for each camera the copied picture of each timestamp.
     """
     found, wrong, count = 0, [], 0
+    # Pictures of one folder have names of their own, also if these say several cameras.
+    alone = len({path.parent for source in sources for path in source.pictures}) == 1
+    alone = alone and not any(source.is_video for source in sources)
     for source in sources:
         for i, copy in zip(timeline.frames[source.name], files[source.name], strict=True):
             if source.is_video:
                 continue
             target = written_mask(copy)
-            mask = mask_of(source.pictures[i], alone=len(sources) == 1)
+            mask = mask_of(source.pictures[i], alone=alone)
             levels = None if mask is None else _levels(mask, source.pictures[i], copy)
             count += 1
             if levels is not None:
@@ -103,16 +106,18 @@ def mask_of(picture: Path, *, alone: bool) -> Path | None:
 
     That of `images/a.jpg` is `masks/a.png`, `masks/a.jpg.png` or `masks/a.jpg`, beside the folder
     of the pictures; that of `cam01/a.jpg` is in `masks/cam01/`, beside the camera's folder or one
-    further up. `mask/` serves as well as `masks/`.
+    further up. Or they are in a folder `masks/` within that of the pictures. `mask/` serves as well
+    as `masks/`.
 
     Args:
         picture: a photograph.
-        alone: whether there is one camera; masks without a folder of a camera are not those of one
-            of several.
+        alone: whether all pictures are in one folder; masks without a folder of a camera are not
+            those of one of several folders.
     """
     camera = picture.parent
     homes = [camera.parent / name / camera.name for name in _FOLDERS]
     homes += [camera.parent.parent / name / camera.name for name in _FOLDERS]
+    homes += [camera / name for name in _FOLDERS]
     homes += [camera.parent / name for name in _FOLDERS if alone]
     found = (mask_in(home, picture.name) for home in homes if home != camera)
     return next((mask for mask in found if mask is not None), None)

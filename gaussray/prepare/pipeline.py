@@ -8,7 +8,7 @@ from typing import Any
 from gaussray.capture.formats.transforms import PINHOLE_FILE, POINT_FILES
 from gaussray.io.atomic import write_json
 from gaussray.prepare import document, findings
-from gaussray.prepare.calibrations.assign import assign_cameras
+from gaussray.prepare.calibrations.assign import assign_cameras, stills_by_camera
 from gaussray.prepare.calibrations.known_camera import KnownCamera
 from gaussray.prepare.calibrations.read import read_calibration
 from gaussray.prepare.colmap import pycolmap, quiet_colmap
@@ -22,6 +22,7 @@ from gaussray.prepare.media import copy_media
 from gaussray.prepare.options import PrepareOptions
 from gaussray.prepare.poses import Placement, find_poses
 from gaussray.prepare.sources import Source, find_sources
+from gaussray.prepare.stray_poses import without_strays
 from gaussray.prepare.sync import Sync, synchronise
 from gaussray.prepare.timeline import Timeline, common_timeline, resampled
 from gaussray.runtime.progress import say
@@ -55,10 +56,7 @@ def prepare_capture(
     """
     options, out = options or PrepareOptions(), Path(out)
     pycolmap()
-    sources = find_sources(videos)
-    known, remarks = _known(sources, options)
-    # Of a camera without a pose the video is left out.
-    sources = [source for source in sources if known is None or source.name in known]
+    sources, known, remarks = _calibrated(find_sources(videos), options)
     sync = synchronise(sources, options.sync)
     timeline = common_timeline(sources, sync, options.frames)
     if len(sources) == 1 and not options.frames.rate and resampled(sources, timeline):
@@ -71,6 +69,8 @@ def prepare_capture(
     out.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=out, prefix=".prepare") as work, quiet_colmap():
         placement = find_poses(sources, timeline, files, known, Path(work), options)
+        placement, strays = without_strays(placement, files)
+        remarks = [*remarks, *strays]
         return _checked(sources, sync, timeline, files, placement, remarks, out, options)
 
 
@@ -80,12 +80,17 @@ def refusal(facts: dict[str, Any]) -> str:
     return " ".join(f"{one['subject']}: {one['text']}. {one['remedy']}" for one in bad)
 
 
-def _known(
-    sources: Sequence[Source], options: PrepareOptions
-) -> tuple[dict[str, KnownCamera] | None, list[Finding]]:
+def _calibrated(
+    sources: list[Source], options: PrepareOptions
+) -> tuple[list[Source], dict[str, KnownCamera] | None, list[Finding]]:
+    """The cameras of the input with those of the calibration, None if there is none."""
     if not options.poses.calibration:
-        return None, []
-    return assign_cameras(read_calibration(options.poses.calibration), sources)
+        return sources, None, []
+    calibration = read_calibration(options.poses.calibration)
+    sources = stills_by_camera(calibration, sources)
+    known, remarks = assign_cameras(calibration, sources)
+    # Of a camera without a pose the video is left out.
+    return [source for source in sources if source.name in known], known, remarks
 
 
 def _checked(

@@ -2,6 +2,7 @@
 
 import dataclasses
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,9 @@ from gaussray.capture.side_folders import holds_other_maps
 from gaussray.capture.videos import VIDEO_SUFFIXES, open_video, upright, video_stream
 from gaussray.io.natural_order import natural_order
 from gaussray.prepare.errors import PrepareError
+from gaussray.prepare.names_of_cameras import pictures_by_camera
 from gaussray.prepare.photographs import PHOTOGRAPH_SUFFIXES, photograph_size
+from gaussray.runtime.progress import say
 
 
 # Intervals of a video may differ from their median by this share of it.
@@ -94,7 +97,9 @@ def find_sources(folder: Path | str) -> list[Source]:
 
     A camera is a video in the folder, a subfolder of pictures, or a subfolder with one video. A
     folder that holds nothing but pictures, or a single folder of pictures, is one camera; these may
-    have several sizes. Of pictures beside videos or folders, which are not used, a warning tells.
+    have several sizes. If the names of its pictures say cameras and times, as
+    `cam_0_img_0008.jpg` does, it is these cameras. Pictures beside subfolders are used if they are
+    more than those in them. A warning tells which are not.
 
     Raises:
         FileNotFoundError: The folder does not exist.
@@ -108,41 +113,32 @@ def find_sources(folder: Path | str) -> list[Source]:
         )
     if not folder.is_dir():
         raise FileNotFoundError(f"videos={folder}: the folder does not exist.")
-    sources = [_video(path.stem, path) for path in _files(folder, VIDEO_SUFFIXES)]
+    videos, beside = _files(folder, VIDEO_SUFFIXES), _files(folder, PHOTOGRAPH_SUFFIXES)
     inside = sorted((p for p in folder.iterdir() if p.is_dir()), key=natural_order)
-    inside = _without_other_maps(inside, alone=not sources)
-    # Photographs in one folder alone are of a single camera.
-    alone = not sources and sum(bool(_files(p, _SUFFIXES)) for p in inside) == 1
+    inside = _without_other_maps(inside, alone=not videos and not beside)
+    if not videos:
+        inside = _without_fewer(folder, beside, inside)
+    sources = [_video(path.stem, path) for path in videos]
+    # Photographs in one folder alone are of a single camera, unless their names say several.
+    alone = not videos and sum(bool(_files(p, _SUFFIXES)) for p in inside) == 1
     for inner in inside:
-        videos, pictures = _files(inner, VIDEO_SUFFIXES), _files(inner, PHOTOGRAPH_SUFFIXES)
-        if len(videos) > 1:
-            raise PrepareError(
-                f"{inner}: the folder of a camera must hold one video, got {len(videos)}. Give "
-                "each camera a folder of its own, or name the folder of the videos."
-            )
-        sources += (
-            [_video(inner.name, videos[0])] if videos else _folder(inner, pictures, not alone)
-        )
-    beside = _files(folder, PHOTOGRAPH_SUFFIXES)
+        sources += _inner_sources(inner, alone)
     if sources and beside:
-        names = ", ".join(source.name for source in sources[:_NAMED])
-        warnings.warn(
-            f"videos={folder}: {len(beside)} pictures beside {len(sources)} cameras "
-            f"({names} ...) are not used. If they are meant, move them into a folder of their "
-            "own.",
-            CaptureWarning,
-            stacklevel=2,
-        )
-    sources = sources or _folder(folder, beside, one_size=False)
+        _warn_of_unused(folder, beside, [source.name for source in sources])
+    sources = sources or _photographs(folder, beside)
     unread = [path.name for place in (folder, *inside) for path in _unread(place)]
     if sources and unread:
-        warnings.warn(
+        _warn(
             f"videos={folder}: {len(unread)} files of formats that are not read "
             f"({', '.join(unread[:_NAMED])}) are left out. Convert them to MP4 or JPEG if they "
-            "are meant.",
-            CaptureWarning,
-            stacklevel=2,
+            "are meant."
         )
+    _check_sources(folder, sources, unread)
+    return sorted(sources, key=lambda source: natural_order(Path(source.name)))
+
+
+def _check_sources(folder: Path, sources: list[Source], unread: list[str]) -> None:
+    """Refuse an input without cameras, or with two of one name."""
     if not sources:
         deeper = next(
             (p for p in sorted(folder.glob("*/*")) if p.is_dir() and _files(p, _SUFFIXES)), None
@@ -160,7 +156,43 @@ def find_sources(folder: Path | str) -> list[Source]:
             f"videos={folder}: each camera must have a name of its own, got {twice} twice. Rename "
             "one of the files."
         )
-    return sorted(sources, key=lambda source: natural_order(Path(source.name)))
+
+
+def _warn(text: str) -> None:
+    warnings.warn(text, CaptureWarning, stacklevel=4)
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names[:_NAMED]) + (" ..." if len(names) > _NAMED else "")
+
+
+def _counted(count: int, word: str) -> str:
+    return f"{count} {word}{'s' * (count != 1)}"
+
+
+def _without_fewer(folder: Path, beside: list[Path], inside: list[Path]) -> list[Path]:
+    """The subfolders, or none with a warning if they hold fewer pictures than lie beside them."""
+    held = [path for path in inside if _files(path, _SUFFIXES)]
+    count = sum(len(_files(path, PHOTOGRAPH_SUFFIXES)) for path in held)
+    if not held or len(beside) <= count or any(_files(path, VIDEO_SUFFIXES) for path in held):
+        return inside
+    folders = _listed([path.name for path in held])
+    _warn(
+        f"videos={folder}: the {len(beside)} pictures in this folder are used, and not the {count} "
+        f"in its folder{'s' * (len(held) != 1)} {folders}. If those are meant, name their folder; "
+        "if both are, move the others into a folder of their own."
+    )
+    return []
+
+
+def _warn_of_unused(folder: Path, beside: list[Path], names: list[str]) -> None:
+    one = len(beside) == 1
+    _warn(
+        f"videos={folder}: {_counted(len(beside), 'picture')} beside "
+        f"{_counted(len(names), 'camera')} ({_listed(names)}) {'is' if one else 'are'} not used. "
+        f"If {'it is' if one else 'they are'} meant, move {'it' if one else 'them'} into a folder "
+        "of their own."
+    )
 
 
 def _without_other_maps(folders: list[Path], *, alone: bool) -> list[Path]:
@@ -208,9 +240,46 @@ def _video(name: str, path: Path) -> Source:
     return Source(name, path, (), times, ((size[0], size[1]),), sound)
 
 
-def _folder(folder: Path, pictures: list[Path], one_size: bool = True) -> list[Source]:
-    """The camera of a folder, none if it is empty. Photographs of a scene that stands still, which
-    have no time, may have several sizes."""
+def _inner_sources(inner: Path, alone: bool) -> list[Source]:
+    """The cameras of a subfolder: one, or several if it is alone and its pictures' names say so."""
+    videos, pictures = _files(inner, VIDEO_SUFFIXES), _files(inner, PHOTOGRAPH_SUFFIXES)
+    if len(videos) > 1:
+        raise PrepareError(
+            f"{inner}: the folder of a camera must hold one video, got {len(videos)}. Give "
+            "each camera a folder of its own, or name the folder of the videos."
+        )
+    if videos:
+        return [_video(inner.name, videos[0])]
+    return _photographs(inner, pictures) if alone else _camera(inner.name, inner, pictures)
+
+
+def _photographs(folder: Path, pictures: list[Path]) -> list[Source]:
+    """The camera of the only folder of pictures; the cameras that their names say, if they do."""
+    named = pictures_by_camera(pictures)
+    if named is None:
+        return _camera(folder.name, folder, pictures, one_size=False)
+    names = list(named.cameras)
+    cameras = f"the pictures are of {len(names)} cameras ({_listed(names)})"
+    if not named.together:
+        _warn(
+            f"videos={folder}: by their names {cameras}, but they are taken as photographs of a "
+            "scene that stands still. If they are not, put each camera's pictures into a folder "
+            "of its own."
+        )
+        return _camera(folder.name, folder, pictures, one_size=False)
+    times = len(named.cameras[names[0]])
+    left = len(pictures) - times * len(names)
+    say(
+        f"videos={folder}: by their names {cameras} at {times} times"
+        + (f"; {_counted(left, 'other')} are left out" if left else "")
+        + ". If they are photographs of a scene that stands still, rename them."
+    )
+    return [one for name, own in named.cameras.items() for one in _camera(name, folder, own)]
+
+
+def _camera(name: str, folder: Path, pictures: list[Path], one_size: bool = True) -> list[Source]:
+    """A camera of pictures, none if there are none. Photographs of a scene that stands still,
+    which have no time, may have several sizes."""
     if not pictures:
         return []
     sizes = tuple(photograph_size(path) for path in pictures)
@@ -221,4 +290,4 @@ def _folder(folder: Path, pictures: list[Path], one_size: bool = True) -> list[S
             f"{sizes[other]} after {sizes[0]}. Give the pictures of each size a folder of their "
             "own; put photographs of a scene that stands still into one folder."
         )
-    return [Source(folder.name, folder, tuple(pictures), np.zeros(0), sizes)]
+    return [Source(name, folder, tuple(pictures), np.zeros(0), sizes)]

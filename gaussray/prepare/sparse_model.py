@@ -4,7 +4,7 @@ import dataclasses
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from gaussray.prepare.colmap import pycolmap
 from gaussray.prepare.lens_models import (
@@ -153,3 +153,33 @@ def camera_centres(model: SparseModel) -> Float[np.ndarray, "pictures 3"]:
     """Positions of the cameras in world space."""
     turns, shifts = model.poses[:, :, :3], model.poses[:, :, 3]
     return -np.einsum("nji,nj->ni", turns, shifts)
+
+
+def kept_pictures(model: SparseModel, keep: Bool[np.ndarray, " pictures"]) -> SparseModel:
+    """The model of a part of its pictures, with the points that two of them see.
+
+    Args:
+        model: poses, lenses and points.
+        keep: which of its pictures are kept.
+    """
+    seen = model.observations
+    mine = keep[seen.picture]
+    views = np.bincount(seen.point[mine], minlength=len(model.points))
+    mine &= views[seen.point] > 1
+    point, picture = np.cumsum(views > 1) - 1, np.cumsum(keep) - 1
+    observations = Observations(
+        point[seen.point[mine]],
+        picture[seen.picture[mine]],
+        seen.keypoint[mine],
+        seen.xy[mine],
+        seen.error[mine],
+    )
+    kept = np.flatnonzero(keep)
+    return dataclasses.replace(
+        model,
+        pictures=[model.pictures[k] for k in kept],
+        poses=model.poses[kept],
+        lenses=[model.lenses[k] for k in kept],
+        points=model.points[views > 1],
+        observations=observations,
+    )

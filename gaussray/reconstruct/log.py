@@ -19,9 +19,10 @@ from gaussray.reconstruct.optimize.checkpoint import load_checkpoint, save_check
 from gaussray.reconstruct.optimize.optimizer import Parameters
 from gaussray.reconstruct.optimize.state import State
 from gaussray.reconstruct.run_progress import RunProgress
+from gaussray.runtime.errors import FitError
 
 
-class NonFiniteLoss(RuntimeError):
+class NonFiniteLoss(FitError):
     """A term of the loss was not a finite number; the last good state has been written."""
 
 

@@ -15,7 +15,7 @@ from gaussray.reconstruct.block_sizes import BlockSizes
 from gaussray.reconstruct.data.batches import Batch
 from gaussray.reconstruct.optimize import relocation
 from gaussray.reconstruct.optimize.learning_rates import CaptureScale, rates
-from gaussray.reconstruct.optimize.optimizer import descend, scene_of, with_costs_paid
+from gaussray.reconstruct.optimize.optimizer import descend, scene_of, with_density_costs
 from gaussray.reconstruct.optimize.scale_bounds import scale_bounds, with_scale_bounds
 from gaussray.reconstruct.optimize.smooth_motion import spread_over_time
 from gaussray.reconstruct.optimize.state import State, accumulated_statistics
@@ -197,7 +197,7 @@ def train_block(
         static, moving, transient = accumulated_statistics(state, gradient, details.origin)
         parameters, adam = descend(state.parameters, gradient, state.adam, rate)
         if options.density.relocates:
-            parameters = with_costs_paid(parameters, cost_gradient, adam, rate)
+            parameters = with_density_costs(parameters, cost_gradient, adam, rate)
         parameters = with_scale_bounds(parameters, bounds)
         state = State(parameters, adam, static, moving, state.step + 1, transient)
         report = details.report

@@ -159,7 +159,7 @@ def _traced(
         options=options.trace,
         capacity=sizes.capacity,
         mesh=sizes.mesh,
-        dealt=tiles % sizes.mesh.size == 0,
+        presharded=tiles % sizes.mesh.size == 0,
     )
     if sizes.seen is None:
         return trace(motion, rays)

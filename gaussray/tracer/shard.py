@@ -35,7 +35,7 @@ def trace_sharded(
     options: TraceOptions,
     capacity: Capacity,
     mesh: Mesh | None,
-    dealt: bool = False,
+    presharded: bool = False,
 ) -> tuple[Pixels, Report]:
     """`trace` with the rays divided among devices; each device has the whole scene. Same result.
 
@@ -48,8 +48,8 @@ def trace_sharded(
         options: As for `trace`.
         capacity: List sizes of one device.
         mesh: The devices; None or a single one is `trace` itself.
-        dealt: Whether each device gets the run of rays that it holds, as many blocks of bundles as
-            every other one.
+        presharded: Whether each device gets the run of rays that it holds, as many blocks of
+            bundles as every other one.
 
     Returns:
         The pixels, and a report: `needed` is the largest of all devices, counts are sums.
@@ -92,7 +92,7 @@ def trace_sharded(
         out_specs=(split, everywhere),
         check_vma=False,
     )
-    if dealt:
+    if presharded:
         return spread(motion, rays)
     pixels, report = spread(motion, jax.tree.map(deal, rays))
     return jax.tree.map(collect, pixels), report

@@ -107,6 +107,7 @@ class PreviewRenderer:
         self._queued: set[_Key] = set()
         self._lock = threading.Condition()
         self._builder = ThreadPoolExecutor(1, thread_name_prefix="compile")
+        self._closed = False
         self.failure: Exception | None = None
 
     @property
@@ -177,6 +178,8 @@ class PreviewRenderer:
 
     def close(self) -> None:
         """Stop compiling."""
+        with self._lock:
+            self._closed = True
         self._builder.shutdown(wait=False, cancel_futures=True)
 
     def _key(self, camera: Camera, samples: int, probe: bool = False):
@@ -236,7 +239,7 @@ class PreviewRenderer:
 
     def _queue(self, key: _Key, camera: Camera, capacity: Capacity | None = None) -> None:
         with self._lock:
-            if key in self._queued or self._builder._shutdown:
+            if key in self._queued or self._closed:
                 return
             self._queued.add(key)
         self._builder.submit(self._compile, key, camera, capacity)

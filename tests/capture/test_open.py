@@ -168,6 +168,7 @@ def test_easymocap_names_the_folder_of_its_cameras(folder):
 
 def test_a_folder_of_no_format_is_told_what_each_needs(folder):
     lay(folder, "report.json", {"psnr": 30})
+    (folder / "0.png").unlink()
     with pytest.raises(CaptureError) as caught:
         open_capture(folder)
     text = str(caught.value)

@@ -197,7 +197,7 @@ def test_an_unknown_key_fails_and_is_named(override):
         ("render", "devices.coordinator=here", "devices.coordinator must be HOST:PORT"),
         ("demo", "loss.l1=-1", "loss.l1 must be at least 0, got -1"),
         ("demo", "optimizer.decay=0", "optimizer.decay must be in"),
-        ("render", "render.keys=1", "render.keys must be 0 (as many"),
+        ("render", "render.keys=1", "render.keys must be 0 (chosen"),
         ("render", "sensor.gain=0.5", "sensor.gain must be at least 1, got 0.5"),
         ("render", "sensor.gain=null", "sensor.gain must be a number, got None"),
         ("render", "physical.f_number=0", "physical.f_number must be above 0, got 0"),

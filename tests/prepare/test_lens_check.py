@@ -1,10 +1,14 @@
 """Lenses that no camera has are told from those that some have."""
 
 import dataclasses
+import pathlib
 
 import numpy as np
 import pytest
 
+from gaussray.capture.errors import CaptureWarning
+from gaussray.capture.formats.json_keys import Keys
+from gaussray.capture.formats.lenses import lens_of, unusual_pixels
 from gaussray.prepare.features import MatchingPicture
 from gaussray.prepare.findings import lens_findings
 from gaussray.prepare.lens_check import corner_distortion, is_unreadable, lens_complaint
@@ -58,7 +62,7 @@ def test_a_pinhole_that_turns_back_before_the_corners_is_no_reason_to_refuse(mod
     assert np.isnan(corner_distortion(bent))
     level, reason = lens_complaint(bent)
     assert level == "warn" and not is_unreadable(bent)
-    assert "turns back before the corners" in reason and "nan" not in reason
+    assert "turns back before the corners" in reason and "about 1 % get no" in reason
 
 
 def test_a_pinhole_that_turns_back_well_within_the_picture_is_refused():
@@ -85,13 +89,35 @@ def placed(lens):
     return Placement(model, pictures, {}, {}, still=frozenset({"left"}), known=True)
 
 
-@pytest.mark.parametrize(("bend", "level"), [(0.0, "good"), (-0.2, "warn"), (-1.0, "refuse")])
+@pytest.mark.parametrize(
+    ("bend", "level"), [(0.0, "good"), (-0.2, "warn"), (-0.33, "warn"), (-1.0, "refuse")]
+)
 def test_a_calibration_is_refused_only_if_readers_refuse_its_lens(bend, level):
     (finding,) = lens_findings(placed(lens("OPENCV", 400 / 0.9, k1=bend)))
     assert finding.level == level
     if level != "good":
         assert finding.text.startswith("left: the calibration has distortion that turns back")
         assert finding.remedy
+
+
+def test_a_third_without_a_direction_is_refused_if_estimated_and_told_of_a_calibration():
+    """One coefficient, as Anipose has it: beyond a circle of 532 pixels there is no direction."""
+    anipose = {"camera_model": "OPENCV", "w": 1280, "h": 1024, "fl_x": 759.1, "fl_y": 759.1}
+    anipose |= {"cx": 640.0, "cy": 512.0, "k1": -0.302}
+    level, reason = lens_complaint(anipose)
+    assert level == "refuse" and "about 33 % get no" in reason and not is_unreadable(anipose)
+    (finding,) = lens_findings(placed(anipose))
+    assert finding.level == "warn" and "about 33 % get no viewing direction" in finding.text
+    assert "these pixels do not count" in finding.remedy
+    # Readers of captures take it, and say how much is lost.
+    with pytest.warns(CaptureWarning, match="about 3[0-9] % of its pixels, at the corners"):
+        lens_of(Keys(pathlib.Path("a.json"), anipose), np.float32)
+
+
+def test_pixels_that_are_not_square_are_told():
+    assert unusual_pixels(1000.0, 1050.0) == ""
+    assert unusual_pixels(1000.0, 1250.0) == "pixels that are 1.25 times as wide as high"
+    assert lens_complaint(lens("OPENCV", 400.0) | {"fl_y": 500.0})[0] == "refuse"
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,7 @@
 """The cameras of an input folder."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from quads import write_video
@@ -7,6 +9,8 @@ from quads import write_video
 from gaussray.capture.errors import CaptureWarning
 from gaussray.dataset.images import write_image
 from gaussray.prepare.errors import PrepareError
+from gaussray.prepare.masks import mask_of
+from gaussray.prepare.names_of_cameras import camera_in_name, pictures_by_camera
 from gaussray.prepare.sources import find_sources
 
 
@@ -78,11 +82,88 @@ def test_a_folder_that_is_alone_or_only_begins_like_one_of_masks_is_a_camera(tmp
 def test_pictures_beside_cameras_are_told_to_be_unused(tmp_path):
     write_image(tmp_path / "a" / "0.png", BLACK)
     write_image(tmp_path / "1.png", BLACK)
-    with pytest.warns(
-        CaptureWarning, match=r"1 pictures beside 1 cameras \(a \.\.\.\) are not used"
-    ):
+    with pytest.warns(CaptureWarning, match=r"1 picture beside 1 camera \(a\) is not used"):
         (source,) = find_sources(tmp_path)
     assert source.name == "a" and source.count == 1
+
+
+def test_depth_maps_and_masks_within_the_photographs_folder_do_not_replace_them(tmp_path):
+    for k in range(3):
+        write_image(tmp_path / f"img{k}.png", BLACK)
+        write_image(tmp_path / "depth" / f"img{k}_disp.png", BLACK)
+        write_image(tmp_path / "masks" / f"img{k}.png", BLACK)
+    with pytest.warns(CaptureWarning, match="depth, masks: by the name no pictures of a camera"):
+        (source,) = find_sources(tmp_path)
+    assert [path.name for path in source.pictures] == ["img0.png", "img1.png", "img2.png"]
+    assert mask_of(source.pictures[1], alone=True) == tmp_path / "masks" / "img1.png"
+
+
+def test_of_photographs_and_a_subfolder_the_larger_set_is_used(tmp_path):
+    for k in range(4):
+        write_image(tmp_path / f"{k}.png", BLACK)
+    for k in range(2):
+        write_image(tmp_path / "board" / f"{k}.png", BLACK)
+    with pytest.warns(CaptureWarning, match="the 4 pictures .* not the 2 in its folder board. If"):
+        (source,) = find_sources(tmp_path)
+    assert source.name == tmp_path.name and source.count == 4
+    for k in range(2, 5):
+        write_image(tmp_path / "board" / f"{k}.png", BLACK)
+    with pytest.warns(CaptureWarning, match=r"4 pictures beside 1 camera \(board\) are not used"):
+        (source,) = find_sources(tmp_path)
+    assert source.name == "board" and source.count == 5
+
+
+@pytest.mark.parametrize("place", ["", "images"])
+def test_pictures_named_by_camera_and_time_are_those_cameras(tmp_path, capsys, place):
+    for camera in range(3):
+        for time in (0, 8, 16):
+            write_image(tmp_path / place / f"cam_{camera}_img_{time:04d}.png", BLACK)
+    sources = find_sources(tmp_path)
+    assert [source.name for source in sources] == ["cam_0", "cam_1", "cam_2"]
+    assert [path.name for path in sources[1].pictures] == [
+        *("cam_1_img_0000.png", "cam_1_img_0008.png", "cam_1_img_0016.png"),
+    ]
+    said = capsys.readouterr().out
+    assert "of 3 cameras (cam_0, cam_1, cam_2) at 3 times. If" in said and said.count("\n") == 1
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    "names",
+    [
+        [f"IMG_{k:04d}" for k in range(8)],
+        [f"DSC000{k}_{i}" for k in range(4) for i in range(3)],
+        [f"20240212_{k}" for k in (100101, 100102, 110101, 110102)],
+        [f"CAM0000{k}_{i}" for k in range(3) for i in range(2)],
+        [f"{letter}_{k}" for letter in "ab" for k in range(3)],
+        [f"camera_{k}" for k in range(6)],
+        [f"cam_{k}_0001" for k in range(6)],
+        ["front_1", "front_2", "back_7", "back_8"],
+    ],
+)
+def test_ordinary_photographs_are_of_one_camera(tmp_path, names):
+    for name in names:
+        (tmp_path / f"{name}.png").write_bytes(b"")
+    assert pictures_by_camera(sorted(tmp_path.iterdir())) is None
+
+
+def test_pictures_of_cameras_at_times_that_do_not_agree_are_doubtful(tmp_path):
+    for name in ("cam1_10", "cam1_20", "cam2_11", "cam2_21"):
+        write_image(tmp_path / f"{name}.png", BLACK)
+    with pytest.warns(CaptureWarning, match=r"2 cameras \(cam1, cam2\).*into a folder of its own"):
+        (source,) = find_sources(tmp_path)
+    assert source.count == 4
+
+
+def test_words_for_sides_are_doubtful_and_missing_times_are_left_out():
+    sides = [Path(f"{side}_{k}.png") for side in ("front", "back") for k in range(3)]
+    found = pictures_by_camera(sides)
+    assert found is not None and not found.together and list(found.cameras) == ["front", "back"]
+    shots = [Path(f"Camera{c}.{k:05d}.tif") for c in (1, 2, 3) for k in range(9)]
+    found = pictures_by_camera(shots[:-1])
+    assert found is not None and found.together
+    assert [len(own) for own in found.cameras.values()] == [8, 8, 8]
+    assert camera_in_name("left_0007") == "left" and camera_in_name("leftover_7") == ""
 
 
 def test_files_of_formats_that_are_not_read_are_told(tmp_path):

@@ -21,6 +21,7 @@ from gaussray.capture.formats.colmap_files import (
     read_colmap_model,
 )
 from gaussray.capture.formats.json_keys import Keys
+from gaussray.capture.formats.lenses import unusual_pixels
 from gaussray.capture.formats.picture_places import other_spellings
 from gaussray.capture.formats.poses import opengl_pose, quaternion_turn
 from gaussray.capture.formats.transforms import views_in_time, views_of
@@ -126,7 +127,8 @@ def _check_is_capture(folder: Path, place: Path) -> None:
 
 
 def _check_lenses(model: Model) -> None:
-    """Warn of implausible focal lengths, which COLMAP finds if there are few pictures."""
+    """Warn of implausible focal lengths, which COLMAP finds if there are few pictures, and of
+    pixels that are not nearly square."""
     for number, lens in model.cameras.items():
         share = lens["fl_x"] / lens["w"]
         if not _NEAR <= share <= _FAR:
@@ -135,6 +137,11 @@ def _check_lenses(model: Model) -> None:
                 f"{lens['w']} wide: hardly a lens that anybody has. Let COLMAP find one for all "
                 "cameras that are alike (--single_camera 1 --camera_model SIMPLE_PINHOLE), or tell "
                 "it what is known."
+            )
+        if unusual := unusual_pixels(lens["fl_x"], lens["fl_y"]):
+            Keys(model.file, {}).warn(
+                f"camera {number} has {unusual}, which hardly any camera has. If the pictures were "
+                "not stretched, let COLMAP find one focal length (--camera_model SIMPLE_RADIAL)."
             )
 
 

@@ -17,10 +17,25 @@ LENS_LABELS = {
     name: model.label for name, model in models_by_camera_model().items() if not model.perspective
 }
 # Of the pixels of a picture, so many may have no viewing direction because distortion turns back
-# before its corners, as that of OpenCV's calibrations does where no board was seen.
-LARGEST_DARK_SHARE = 0.25
+# before its corners, as that of OpenCV's calibrations does where no board was seen, or that of one
+# radial coefficient (Anipose's).
+LARGEST_DARK_SHARE = 0.5
+# Width of a pixel as a share of its height, outside of which hardly any camera has pixels.
+_PIXEL_SHAPES = (0.9, 1.1)
 # Keys of a `lens` block, of all models.
 _BLOCK_KEYS = ("model", *dict.fromkeys(key for model in lens_models() for key in model.block_keys))
+
+
+def unusual_pixels(fl_x: float, fl_y: float) -> str:
+    """What is unusual in the shape of a lens's pixels; empty if nothing is.
+
+    Args:
+        fl_x: focal length in widths of a pixel.
+        fl_y: focal length in heights of a pixel.
+    """
+    low, high = _PIXEL_SHAPES
+    shape = fl_y / fl_x
+    return "" if low <= shape <= high else f"pixels that are {shape:.3g} times as wide as high"
 
 
 def lens_of(keys: Keys, dtype: DTypeLike) -> AbstractLens:

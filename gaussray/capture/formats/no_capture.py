@@ -1,22 +1,43 @@
 """What a folder holds that is no capture of a known format, and what to do about it."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from gaussray.capture.formats.actorshq import CALIBRATION_FILE
 from gaussray.capture.formats.colmap_files import PLACES
+from gaussray.capture.formats.immersive import MODELS_FILE
+from gaussray.capture.formats.nerfies import DATASET_FILE
 from gaussray.capture.formats.picture_places import KNOWN_SUFFIXES
-from gaussray.capture.formats.transforms import json_if_readable
+from gaussray.capture.formats.pinf import INFO_FILE
+from gaussray.capture.formats.transforms import PINHOLE_FILE, json_if_readable
 from gaussray.capture.side_folders import holds_other_maps
 from gaussray.capture.videos import VIDEO_SUFFIXES
 
 
 _DATA = (".json", ".txt", ".npy", ".npz", ".xml", ".csv", ".yml", ".yaml", ".toml", ".bin")
 _MEDIA = (*KNOWN_SUFFIXES, *VIDEO_SUFFIXES, ".heic")
-# A calibration of EasyMocap and EasyVolcap.
-_EASY_FILE = "intri.yml"
-# Folders that are looked at for what lies deeper.
-_LOOKED_AT = 50
+# Calibrations of EasyMocap and EasyVolcap, and of Pose2Sim's converter to them, in lower case.
+_EASY_FILES = ("intri.yml", "intrinsic.yml")
+# What the other calibrations hold that `gaussray prepare` reads, by the end of their names: those
+# of Anipose, Caliscope and Pose2Sim, Qualisys, Kalibr, Panoptic Studio.
+_CALIBRATIONS = {
+    ".toml": (rb"^\s*matrix\s*=", rb"^\s*rotation\s*="),
+    ".qca.txt": (rb"<intrinsic\b", rb"<transform\b"),
+    ".xml": (rb"<intrinsic\b", rb"<transform\b"),
+    ".yaml": (rb"^cam\d+:", rb"^\s+camera_model:"),
+    ".yml": (rb"^cam\d+:", rb"^\s+camera_model:"),
+    ".json": (rb'"cameras"\s*:\s*\[', rb'"K"\s*:', rb'"R"\s*:'),
+}
+# Files that formats have, whatever they hold here.
+_FORMAT_NAMES = {CALIBRATION_FILE, DATASET_FILE, INFO_FILE, MODELS_FILE}
+# Bytes of a file that are looked at.
+_HEAD = 100_000
+# What `gaussray prepare` leaves in its folder beside a capture.
+_FACTS_FILE, _COMMAND_FILE, _REPORT_FILE = "prepare.json", "run.json", "report.html"
+# Folders and files that are looked at for what lies deeper; files that a message names.
+_LOOKED_AT, _NAMED = 50, 3
 # Other tools, and their commands that write COLMAP's model, which is read.
 _EXPORTS = {
     "OpenSfM": "bin/opensfm export_colmap",
@@ -32,15 +53,18 @@ def remedy_for(folder: Path, is_capture: Callable[[Path], bool]) -> str:
         folder: an existing folder.
         is_capture: whether a folder in it is a capture.
     """
+    if _is_failed_preparation(folder):
+        return _failed_preparation(folder)
     inner = [str(path) for path in folders_in(folder) if is_capture(path)][:3]
-    if (folder / _EASY_FILE).is_file():
+    easy = next((p for p in sorted(folder.iterdir()) if p.name.lower() in _EASY_FILES), None)
+    if easy is not None and easy.is_file():
         holds = [place for place in folders_in(folder) if any(p.is_dir() for p in place.iterdir())]
         holds.sort(key=lambda place: place.name != "images")
         place = holds[0] if holds else folder / "images"
         return (
-            f"the layout of EasyMocap and EasyVolcap ({_EASY_FILE}) is no capture yet: `gaussray "
-            f"prepare videos={place} poses.calibration={folder} out=OUT` makes one. The folder "
-            "must hold a folder or a video of each camera, by the camera's name."
+            f"`gaussray prepare videos={place} poses.calibration={folder} out=OUT` makes one of "
+            f"the layout of EasyMocap and EasyVolcap ({easy.name}). The folder must hold a folder "
+            "or a video of each camera, by the camera's name."
         )
     if inner:
         return f"name {' or '.join(inner)}, which is one."
@@ -53,16 +77,66 @@ def remedy_for(folder: Path, is_capture: Callable[[Path], bool]) -> str:
                 )
     media = media_folder(folder)
     prepare = f"`gaussray prepare videos={media or 'PICTURES'} out=OUT` finds poses anew"
-    tool = _tool_of(folder)
-    if tool:
+    if tool := _tool_of(folder):
         return (
             f"files of {tool} are not read. `{_EXPORTS[tool]}` converts them to COLMAP's model, "
             f"which is; {prepare}."
         )
-    # Of files that may be meant to hold the poses, the list of formats tells.
-    if media and not any(path.suffix.lower() in _DATA for path in folder.iterdir()):
+    if calibration := _calibration_in(folder):
+        return (
+            f"`gaussray prepare videos={media or 'VIDEOS'} poses.calibration={calibration} "
+            "out=OUT` makes one with the calibration in it. The folder of the videos must hold a "
+            "folder or a video of each camera, by the camera's name."
+        )
+    if not media:
+        return ""
+    data = [path.name for path in sorted(folder.iterdir()) if path.suffix.lower() in _DATA]
+    # Of a file that is called as one of a format, the list of formats tells what it lacks.
+    if not _FORMAT_NAMES.isdisjoint(data):
+        return ""
+    if not data:
         return f"it holds videos or pictures without poses: {prepare}."
-    return ""
+    more = " ..." if len(data) > _NAMED else ""
+    return (
+        f"{prepare}, or takes those of a calibration (poses.calibration=FILE). What it holds "
+        f"beside pictures ({', '.join(data[:_NAMED])}{more}) is of no format that is read; "
+        "docs/captures.md lists these."
+    )
+
+
+def _is_failed_preparation(folder: Path) -> bool:
+    """Whether `gaussray prepare` has begun to write a capture into a folder, which is none."""
+    if (folder / _FACTS_FILE).is_file():
+        return True
+    run = json_if_readable(folder / _COMMAND_FILE)
+    return _has(run, "command") and str(run["command"]).startswith("gaussray prepare")
+
+
+def _failed_preparation(folder: Path) -> str:
+    report = folder / _REPORT_FILE
+    where = f"{report} shows why" if report.is_file() else "its message says why"
+    return (
+        f"`gaussray prepare` failed and wrote no {PINHOLE_FILE} into it; {where}, and what to do. "
+        "Run it again with that."
+    )
+
+
+def _calibration_in(folder: Path) -> Path | None:
+    """The first file in a folder, in its folders and in theirs that `gaussray prepare` reads as a
+    calibration; None if there is none."""
+    for place in (folder, *folders_in(folder)):
+        files = (path for path in sorted(place.iterdir()) if path.is_file())
+        named = [(path, _patterns(path.name.lower())) for path in files]
+        for path, patterns in [(p, found) for p, found in named if found][:_LOOKED_AT]:
+            with path.open("rb") as file:
+                head = file.read(_HEAD)
+            if all(re.search(pattern, head, re.MULTILINE) for pattern in patterns):
+                return path
+    return None
+
+
+def _patterns(name: str) -> tuple[bytes, ...]:
+    return next((found for end, found in _CALIBRATIONS.items() if name.endswith(end)), ())
 
 
 def folders_in(folder: Path) -> list[Path]:

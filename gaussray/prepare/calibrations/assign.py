@@ -1,5 +1,6 @@
 """Gives the cameras of a calibration to those of the input."""
 
+import dataclasses
 import itertools
 import re
 from collections.abc import Sequence
@@ -9,7 +10,9 @@ import numpy as np
 from gaussray.prepare.calibrations.known_camera import Calibration, KnownCamera
 from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.findings import Finding
+from gaussray.prepare.names_of_cameras import camera_in_name
 from gaussray.prepare.sources import Source
+from gaussray.runtime.progress import say
 
 
 # A picture may be so much larger or smaller than its calibration without being another one: rows
@@ -55,7 +58,7 @@ def assign_cameras(
         if name is None:
             raise PrepareError(
                 f"poses.calibration must name every camera, got no {source.name} among "
-                f"{', '.join(names)}. Rename the video or folder, or take it away."
+                f"{', '.join(names)}. {_unnamed_remedy(sources)}"
             )
         if name in calibration.left_out:
             findings.append(_left_out(source.name, name, calibration.left_out[name]))
@@ -79,6 +82,39 @@ def assign_cameras(
         )
     _check_poses(result)
     return result, findings
+
+
+def _unnamed_remedy(sources: Sequence[Source]) -> str:
+    if len(sources) == 1 and not sources[0].is_video:
+        return (
+            "If its pictures are of several cameras, put each picture into a folder of its own "
+            "name, that of its camera."
+        )
+    return "Rename the video or folder, or take it away."
+
+
+def stills_by_camera(calibration: Calibration, sources: Sequence[Source]) -> list[Source]:
+    """The cameras of the input, each picture as one if there is a single folder of pictures that
+    are called as the calibration's cameras, one picture each: `11.jpg` of camera 11.
+
+    Args:
+        calibration: its cameras.
+        sources: cameras of the input.
+    """
+    if len(sources) != 1 or sources[0].count < 2 or sources[0].is_video:
+        return list(sources)
+    (folder,) = sources
+    names = [*(camera.name for camera in calibration.cameras), *calibration.left_out]
+    for name_of in (str, camera_in_name):
+        stems = [name_of(path.stem) for path in folder.pictures]
+        given = [_named(names, stem) if stem else None for stem in stems]
+        if None not in given and len(set(given)) == len(given):
+            say(f"{folder.path}: each of the {len(stems)} pictures is of the camera of its name.")
+            return [
+                dataclasses.replace(folder, name=stem, pictures=(path,), sizes=(size,))
+                for stem, path, size in zip(stems, folder.pictures, folder.sizes, strict=True)
+            ]
+    return list(sources)
 
 
 def _left_out(source: str, name: str, reason: str) -> Finding:

@@ -1,5 +1,6 @@
 """Camera chains of Kalibr (camchain.yaml)."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import yaml
 from gaussray.io.safe.aliases import check_aliases
 from gaussray.io.safe.files import read_text
 from gaussray.prepare.calibrations.known_camera import (
+    CALIBRATION_KINDS,
     KnownCamera,
     check_name,
     opencv_camera,
@@ -18,6 +20,10 @@ from gaussray.prepare.errors import PrepareError
 
 
 _DISTORTIONS = {"radtan": False, "none": False, "equidistant": True, "equi": True}
+# Keys at the top of a file of intrinsics.
+_LENS_ALONE = re.compile(
+    "k|(camera|intrinsic)s?_?matrix|dist(ortion)?_?coef(f|ficient)?s?", re.IGNORECASE
+)
 _REMEDY = "Give the camchain.yaml that Kalibr has written, unchanged."
 
 
@@ -36,7 +42,9 @@ def read_kalibr(path: Path) -> list[KnownCamera]:
         content = yaml.safe_load(text)
     except (yaml.YAMLError, ValueError) as error:
         raise PrepareError(f"{path}: must be YAML, got {str(error)[:200]}. {_REMEDY}") from None
-    names = [k for k in content if str(k).startswith("cam")] if isinstance(content, dict) else []
+    keys = [str(key) for key in content] if isinstance(content, dict) else []
+    _refuse_intrinsics(path, keys)
+    names = [k for k in content if str(k).startswith("cam")] if keys else []
     if not names:
         raise PrepareError(
             f"{path}: must list cameras cam0, cam1, ... as Kalibr does, got none. {_REMEDY}"
@@ -52,6 +60,17 @@ def read_kalibr(path: Path) -> list[KnownCamera]:
             pose = _numbers(path, name, block, "T_cn_cnm1", 16).reshape(4, 4) @ pose
         cameras.append(_camera(path, check_name(path, name), block, pose[:3]))
     return cameras
+
+
+def _refuse_intrinsics(path: Path, keys: list[str]) -> None:
+    """Refuse the lens of one camera, as programs with OpenCV and ROS write it, without a pose."""
+    lens = next((key for key in keys if _LENS_ALONE.fullmatch(key)), None)
+    if lens is not None:
+        raise PrepareError(
+            f"{path}: holds the lens of one camera ({lens}), and poses.calibration needs the "
+            f"lenses and poses of all cameras. Give {CALIBRATION_KINDS}; or leave it out to "
+            "estimate lenses and poses."
+        )
 
 
 def _numbers(path: Path, name: str, block: dict[str, Any], key: str, count: int) -> np.ndarray:

@@ -10,6 +10,12 @@ from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.lens_models import LensKeyValues
 
 
+# The files that are read (`read_calibration`), for messages.
+CALIBRATION_KINDS = (
+    "Qualisys .qca.txt or .xml, Pose2Sim, Anipose or Caliscope .toml, intri.yml beside extri.yml "
+    "(EasyMocap) or Intrinsic.yml beside Extrinsic.yml (Pose2Sim), Kalibr .yaml, nerfstudio's "
+    "transforms.json, Panoptic's calibration.json, or Metashape .xml"
+)
 # OpenCV's distortion coefficients in their order.
 OPENCV_ORDER = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 _ORTHONORMAL = 1e-3

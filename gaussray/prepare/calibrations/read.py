@@ -6,20 +6,17 @@ from pathlib import Path
 from gaussray.capture.formats.metashape import is_metashape
 from gaussray.capture.formats.transforms import json_content
 from gaussray.prepare.calibrations.kalibr import read_kalibr
-from gaussray.prepare.calibrations.known_camera import Calibration, KnownCamera
+from gaussray.prepare.calibrations.known_camera import (
+    CALIBRATION_KINDS,
+    Calibration,
+    KnownCamera,
+)
 from gaussray.prepare.calibrations.nerfstudio import read_metashape_cameras, read_nerfstudio
 from gaussray.prepare.calibrations.opencv_yaml import easymocap_pair, read_easymocap
 from gaussray.prepare.calibrations.panoptic import is_panoptic, panoptic_cameras
 from gaussray.prepare.calibrations.pose2sim import read_toml
 from gaussray.prepare.calibrations.qualisys import read_qualisys
 from gaussray.prepare.errors import PrepareError
-
-
-CALIBRATION_KINDS = (
-    "Qualisys .qca.txt or .xml, Pose2Sim, Anipose or Caliscope .toml, intri.yml beside extri.yml "
-    "(EasyMocap) or Intrinsic.yml beside Extrinsic.yml (Pose2Sim), Kalibr .yaml, nerfstudio's "
-    "transforms.json, Panoptic's calibration.json, or Metashape .xml"
-)
 
 
 def read_calibration(path: Path | str) -> Calibration:

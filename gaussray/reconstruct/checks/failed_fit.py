@@ -10,6 +10,7 @@ from gaussray.capture.errors import CaptureError, CaptureWarning
 from gaussray.dataset.manifest import rotation_and_position
 from gaussray.reconstruct.data.pictures import Footage
 from gaussray.reconstruct.data.segments import training_views
+from gaussray.runtime.errors import FitError
 from gaussray.scene.scene import Scene
 
 
@@ -17,7 +18,7 @@ from gaussray.scene.scene import Scene
 _SAME_PLACE = 1e-5
 
 
-class FailedFit(RuntimeError):
+class FailedFit(FitError):
     """A fit ended below what one colour per camera scores, or with an empty scene."""
 
 

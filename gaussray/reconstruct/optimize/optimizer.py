@@ -128,7 +128,7 @@ def descend(
     return moved, kept
 
 
-def with_costs_paid(
+def with_density_costs(
     parameters: Parameters,
     gradient: Parameters,
     adam: optax.ScaleByAdamState,

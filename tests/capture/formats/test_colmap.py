@@ -327,3 +327,13 @@ def test_the_folder_of_a_model_is_not_taken_for_its_capture(tmp_path):
     (tmp_path / "images").mkdir()
     with pytest.raises(CaptureError, match=f"is the model of the capture {tmp_path}"):
         read_colmap(tmp_path / "sparse/0")
+
+
+@STATIC
+@pytest.mark.parametrize(("fl_y", "told"), [(62.0, False), (75.0, True)])
+def test_pixels_that_are_not_square_are_told(tmp_path, recwarn, fl_y, told):
+    cameras = {1: ("PINHOLE", W, H, (60.0, fl_y, 23.0, 17.0))}
+    pictures(tmp_path / "images", "a.png", "b.png")
+    read_colmap(model(tmp_path, registered("a.png", "b.png"), cameras))
+    said = [str(one.message) for one in recwarn]
+    assert any("camera 1 has pixels that are 1.25 times as wide as high" in x for x in said) == told

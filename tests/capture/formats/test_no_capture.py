@@ -16,6 +16,11 @@ def lay(folder, *files):
     return folder
 
 
+TOML = "[cam_0]\nmatrix = [[1.0]]\nrotation = [0.0, 0.0, 0.0]\n"
+QUALISYS = '<cameras><camera serial="1"><transform x="1"/><intrinsic x="1"/></camera></cameras>'
+KALIBR = "cam0:\n  camera_model: pinhole\n"
+PANOPTIC = json.dumps({"cameras": [{"name": "a", "K": [], "R": []}]})
+RUN = json.dumps({"command": "gaussray prepare videos=a out=b"})
 SHOTS = json.dumps([{"shots": {}, "cameras": {}}])
 
 
@@ -34,11 +39,33 @@ SHOTS = json.dumps([{"shots": {}, "cameras": {}}])
         ([("in/transforms.json", "{}")], "name {}/in, which is one"),
         ([("rgb/1.png", ""), ("depth/1.png", "")], "prepare videos={}/rgb out=OUT`"),
         ([("masks/1.png", "")], "prepare videos={}/masks out=OUT`"),
-        ([("poses.txt", ""), ("rgb/1.png", "")], "the files of one .* videos={}/rgb out"),
+        (
+            [("poses.txt", ""), ("rgb/1.png", "")],
+            r"format: `gaussray prepare videos={}/rgb out=OUT` finds .* \(poses.txt\) is of no",
+        ),
+        ([("camera_array.toml", TOML), ("a.mp4", "")], "videos={} poses.calibration={}/camera_arr"),
+        ([("calibration.toml", TOML)], "videos=VIDEOS poses.calibration={}/calibration.toml out"),
+        (
+            [("x/rig.qca.txt", QUALISYS), ("x/a.mp4", "")],
+            "videos={}/x poses.calibration={}/x/rig.q",
+        ),
+        (
+            [("chain.yaml", KALIBR), ("in/a.mp4", "")],
+            "videos={}/in poses.calibration={}/chain.yaml",
+        ),
+        ([("c.json", PANOPTIC), ("a.mp4", "")], "videos={} poses.calibration={}/c.json out"),
+        ([("Intrinsic.yml", ""), ("Extrinsic.yml", "")], "poses.calibration={} out=OUT"),
+        ([("board.toml", "[board]\nsquare = 2\n"), ("a.mp4", "")], "videos={} out=OUT` finds"),
+        (
+            [("prepare.json", "{}"), ("report.html", ""), ("images/a/1.png", "")],
+            "`gaussray prepare` failed .* {}/report.html shows why",
+        ),
+        ([("run.json", RUN), ("config.yaml", "")], "failed .*; its message says why"),
         ([("notes.txt", "")], "must hold the files of one format, got none of them"),
         ([("reconstruction.json", "[1]")], "must hold the files of one format, got none of them"),
     ],
 )
 def test_what_a_folder_holds_decides_the_remedy(tmp_path, files, told):
-    with pytest.raises(CaptureError, match=told.format(tmp_path)):
+    with pytest.raises(CaptureError, match=told.replace("{}", str(tmp_path))) as caught:
         open_capture(lay(tmp_path, *files))
+    assert len(str(caught.value)) < 600 or "must hold the files of one format" in told

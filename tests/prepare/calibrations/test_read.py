@@ -9,7 +9,7 @@ import pytest
 from quads import arc
 from scipy.spatial.transform import Rotation
 
-from gaussray.prepare.calibrations.assign import assign_cameras
+from gaussray.prepare.calibrations.assign import assign_cameras, stills_by_camera
 from gaussray.prepare.calibrations.known_camera import Calibration, KnownCamera
 from gaussray.prepare.calibrations.read import read_calibration
 from gaussray.prepare.document import transform_matrix
@@ -247,6 +247,16 @@ def test_another_size_is_scaled_and_another_shape_refused(tmp_path):
         ("a.xml", "<!DOCTYPE x><x/>", "must not declare entities"),
         ("a.yaml", "[]", "as Kalibr does"),
         ("a.yaml", "cam0: {camera_model: omni}", "must be a pinhole"),
+        (
+            "a.yml",
+            "camera_matrix:\n- [1.0, 0.0, 2.0]\ndist_coefs: [0.1]\n",
+            "holds the lens of one camera (camera_matrix), and poses.calibration needs the lenses",
+        ),
+        (
+            "a.yaml",
+            "image_width: 2\ncamera_name: a\ncamera_matrix: {rows: 1, cols: 1, data: [1]}\n",
+            "poses of all cameras. Give Qualisys",
+        ),
         ("a.txt", "", "Qualisys .qca.txt"),
         ("extri.yml", "a: 1", "intri.yml must be beside it"),
     ],
@@ -292,3 +302,35 @@ def test_two_videos_of_one_camera_are_refused(tmp_path):
     known = read_calibration(write_toml(tmp_path))
     with pytest.raises(PrepareError, match="got cam01 for both view_1 and cam_1"):
         assign_cameras(known, [source("view_1"), source("cam_1")])
+
+
+def stills(*names):
+    """Pictures of one folder."""
+    paths = tuple(pathlib.Path("rig") / f"{name}.jpg" for name in names)
+    sizes = ((WIDTH, HEIGHT),) * len(names)
+    return [Source("rig", pathlib.Path("rig"), paths, np.zeros(0), sizes)]
+
+
+def test_a_picture_of_each_camera_in_one_folder_is_that_camera(tmp_path, capsys):
+    known = read_calibration(write_toml(tmp_path))
+    found = stills_by_camera(known, stills(*NAMES))
+    assert [(one.name, one.count) for one in found] == [(name, 1) for name in NAMES]
+    assert [one.pictures[0].name for one in found] == [f"{name}.jpg" for name in NAMES]
+    given, _ = assign_cameras(known, found)
+    assert list(given) == list(NAMES)
+    assert "each of the 3 pictures is of the camera of its name." in capsys.readouterr().out
+    # The camera may be a part of the name; one without a pose is told of by `assign_cameras`.
+    found = stills_by_camera(known, stills("cam_1_img_0", "cam_2_img_0"))
+    assert [one.name for one in found] == ["cam_1", "cam_2"]
+
+
+@pytest.mark.parametrize("names", [("cam01",), ("cam01", "view_1"), ("a_1", "b_9")])
+def test_other_pictures_of_one_folder_stay_together(tmp_path, names):
+    known, sources = read_calibration(write_toml(tmp_path)), stills(*names)
+    assert stills_by_camera(known, sources) == sources
+    with pytest.raises(PrepareError, match="put each picture into a folder of its own name"):
+        assign_cameras(known, sources)
+    both = [source("cam01"), source("left")]
+    assert stills_by_camera(known, both) == both
+    with pytest.raises(PrepareError, match="Rename the video or folder, or take it away"):
+        assign_cameras(known, both)

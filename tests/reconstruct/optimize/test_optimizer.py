@@ -29,7 +29,7 @@ SCENE = ("static", "moving", "deformation")
 FIXED = ("lower", "upper", "begin", "end")
 
 rates, descend = eqx.filter_jit(learning_rates.rates), eqx.filter_jit(optimizer.descend)
-with_costs_paid = eqx.filter_jit(optimizer.with_costs_paid)
+with_costs_paid = eqx.filter_jit(optimizer.with_density_costs)
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,73 @@
+"""Poses of single pictures that cannot be believed: they rest on nothing, or lie far off."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool
+
+from gaussray.prepare.findings import Finding, observations_by_picture
+from gaussray.prepare.poses import Placement
+from gaussray.prepare.sparse_model import camera_centres, kept_pictures
+
+
+# Fewest observations of a picture of a camera that does not stand still: COLMAP gives a pose from
+# 30 matches on, of which more than half were wrong then.
+_FEWEST = 15
+# Largest distance from the middle of the cameras, in median distances of cameras or points.
+_FARTHEST = 50.0
+
+
+def without_strays(
+    placement: Placement, files: dict[str, list[Path]]
+) -> tuple[Placement, list[Finding]]:
+    """The placement without pictures whose pose cannot be believed, and a warning that names them.
+
+    Of cameras that do not stand still, these are pictures with hardly an observation; of all,
+    those far outside the others. Poses of a calibration are all kept.
+
+    Args:
+        placement: poses of the registered pictures.
+        files: for each camera the file of each timestamp.
+    """
+    if placement.known or not placement.model.pictures:
+        return placement, []
+    pictures = [placement.pictures[name] for name in placement.model.pictures]
+    moving = np.array([picture.camera not in placement.still for picture in pictures])
+    few = moving & (observations_by_picture(placement.model) < _FEWEST)
+    far = _far_off(placement)
+    left = few | far
+    if not left.any():
+        return placement, []
+    reasons = []
+    for wrong, reason in (
+        (far, f"more than {_FARTHEST:.0f} times as far from the middle as most are"),
+        (few & ~far, f"fewer than {_FEWEST} observations"),
+    ):
+        names = [
+            files[picture.camera][picture.instant].name if moves else picture.camera
+            for picture, moves, one in zip(pictures, moving, wrong, strict=True)
+            if one
+        ]
+        if names:
+            reasons.append(f"{', '.join(names[:8])}{' ...' * (len(names) > 8)} ({reason})")
+    finding = Finding(
+        "warn",
+        "cameras",
+        f"left out for a pose that cannot be right: {'; '.join(reasons)}",
+        "Take the pictures away, or add others between them and their neighbours. Pictures of "
+        "cameras that stand still belong into a folder of each camera.",
+    )
+    return dataclasses.replace(placement, model=kept_pictures(placement.model, ~left)), [finding]
+
+
+def _far_off(placement: Placement) -> Bool[np.ndarray, " pictures"]:
+    """Which pictures were taken far outside the other cameras and the points."""
+    centres, points = camera_centres(placement.model), placement.model.points
+    middle = np.median(centres, axis=0)
+    distance = np.linalg.norm(centres - middle, axis=1)
+    # Most cameras may be in one place; what they see is then the measure.
+    scale = np.median(distance)
+    if len(points):
+        scale = max(scale, np.median(np.linalg.norm(points - middle, axis=1)))
+    return (scale > 0) & ~(distance <= _FARTHEST * scale)
