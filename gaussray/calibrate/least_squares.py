@@ -14,8 +14,8 @@ def robust_deviation(residual: Float[np.ndarray, " n"], least: float = 0.0) -> f
     """Standard deviation of residuals with outliers, from their median absolute value.
 
     Args:
-        residual: The residuals.
-        least: Smallest value to return.
+        residual: the residuals.
+        least: smallest value to return.
     """
     return max(_MEDIAN * float(np.median(np.abs(residual))), least)
 
@@ -24,8 +24,8 @@ def huber(residual: Float[np.ndarray, "..."], bend: float) -> float:
     """Sum of Huber's losses: r^2 / 2 up to the bend, bend |r| - bend^2 / 2 beyond.
 
     Args:
-        residual: The residuals r.
-        bend: Where the loss turns linear.
+        residual: the residuals r.
+        bend: where the loss turns linear.
     """
     size = np.abs(residual.astype(np.float64))
     return float(np.sum(np.where(size < bend, size**2 / 2, bend * size - bend**2 / 2)))
@@ -41,7 +41,7 @@ def marquardt_step(
     Args:
         curvature: H, the Gauss-Newton Hessian.
         gradient: g.
-        damping: Damping of the step.
+        damping: damping of the step.
     """
     size = _sizes(curvature)
     return (
@@ -74,8 +74,8 @@ def correlated_pairs(
     """Pairs of unknowns with correlated errors: the others can nearly compensate a change of one.
 
     Args:
-        curvature: The Gauss-Newton Hessian.
-        least: Smallest absolute correlation.
+        curvature: the Gauss-Newton Hessian.
+        least: smallest absolute correlation.
 
     Returns:
         Indices and correlation of each pair, the largest first.

@@ -23,8 +23,8 @@ def selected_views(capture: Capture, options: CalibrateOptions) -> tuple[str, li
     """Choose the views of a capture for calibration.
 
     Args:
-        capture: The capture.
-        options: Effect, cameras, split and number of frames.
+        capture: the capture.
+        options: effect, cameras, split and number of frames.
 
     Returns:
         Name of the effect, and the views.
@@ -64,8 +64,8 @@ def check_views(views: Sequence[View], unknowns: tuple[Unknown, ...]) -> None:
     """Check that cameras can be calibrated together.
 
     Args:
-        views: The views.
-        unknowns: The unknowns of each camera.
+        views: the views.
+        unknowns: the unknowns of each camera.
 
     Raises:
         ValueError: Films or lenses differ, or the recorded cameras leave an unknown undefined.
@@ -103,10 +103,10 @@ def read_observation(
     """Read a picture in linear light, with its camera and the segment of the scene that it shows.
 
     Args:
-        scene: The scene.
-        view: The view.
-        lens: The lens to start from.
-        camera_index: Index of the camera.
+        scene: the scene.
+        view: the view.
+        lens: the lens to start from.
+        camera_index: index of the camera.
 
     Raises:
         ValueError: The picture shows two segments of the scene.

@@ -12,19 +12,19 @@ class CalibrateOptions(eqx.Module):
     and time offset are estimated for each camera.
 
     Args:
-        parameters: Some of `focal`; `lens` (principal point and distortion coefficients); `shutter`
+        parameters: some of `focal`; `lens` (principal point and distortion coefficients); `shutter`
             (readout time); `pose`; `exposure` (a gain per colour channel); `offset` (a constant
             delay of a camera's timestamps).
-        coefficients: Names of the lens coefficients to estimate. Empty: those that are not 0.
-        effect: The group of pictures to use. Empty: the pinhole views, or the only group.
+        coefficients: names of the lens coefficients to estimate. Empty: those that are not 0.
+        effect: the group of pictures to use. Empty: the pinhole views, or the only group.
         split: `train`, `test` or `all`.
-        cameras: Names of the cameras to calibrate. Empty: all.
-        frames: The largest number of pictures per camera, evenly spread in time. 0: all.
-        samples: Rays per pixel. 0: 1, or 4 where an aperture or an exposure blurs the picture.
-        coarsest: Blocks along the smaller side of the picture at the first, coarsest level. Each
+        cameras: names of the cameras to calibrate. Empty: all.
+        frames: the largest number of pictures per camera, evenly spread in time. 0: all.
+        samples: rays per pixel. 0: 1, or 4 where an aperture or an exposure blurs the picture.
+        coarsest: blocks along the smaller side of the picture at the first, coarsest level. Each
             following level doubles them, up to single pixels.
-        steps: The largest number of Levenberg-Marquardt steps per level.
-        huber_threshold: Residuals above this many standard deviations count linearly (Huber loss).
+        steps: the largest number of Levenberg-Marquardt steps per level.
+        huber_threshold: residuals above this many standard deviations count linearly (Huber loss).
 
     Raises:
         ValueError: If an option is out of range. The message names its key.

@@ -30,10 +30,10 @@ class Unknown(eqx.Module):
     """One number of a camera that is estimated.
 
     Args:
-        kind: The choice of `calibrate.parameters` that it belongs to.
-        name: Its name in the report.
-        unit: Unit in which it is reported.
-        place: Its index in its field of `Corrections`.
+        kind: the choice of `calibrate.parameters` that it belongs to.
+        name: its name in the report.
+        unit: unit in which it is reported.
+        place: its index in its field of `Corrections`.
     """
 
     kind: str = eqx.field(static=True)
@@ -53,11 +53,11 @@ def unknowns(
     """The unknowns of a camera.
 
     Args:
-        kinds: Choices of `calibrate.parameters`.
-        lens: The camera's lens, from `prepare_lens`. Its unknowns are the principal point and the
+        kinds: choices of `calibrate.parameters`.
+        lens: the camera's lens, from `prepare_lens`. Its unknowns are the principal point and the
             coefficients; a polynomial's linear coefficient is its focal length and counts as that.
-        named: The coefficients to estimate; empty means all that are not zero.
-        unit: Name of the capture's unit of time.
+        named: the coefficients to estimate; empty means all that are not zero.
+        unit: name of the capture's unit of time.
 
     Raises:
         ValueError: If the lens has no focal length of its own and `kinds` asks for its parameters.
@@ -94,8 +94,8 @@ def prepare_lens(lens: AbstractLens, named: Sequence[str]) -> AbstractLens:
     """The lens with the coefficients to estimate; new ones are zero.
 
     Args:
-        lens: The recorded lens.
-        named: Names of the coefficients.
+        lens: the recorded lens.
+        named: names of the coefficients.
 
     Raises:
         ValueError: If the lens has no coefficient of such a name.
@@ -127,12 +127,12 @@ def corrected_camera(
     """The camera with these values of its unknowns, and the gains of its linear light.
 
     Args:
-        value: Logarithms of factors, radians, focal lengths, as in `Corrections`; all zero is the
+        value: logarithms of factors, radians, focal lengths, as in `Corrections`; all zero is the
             camera as recorded. A pose is turned and shifted along the camera's own axes, about its
             position.
-        camera: The camera as recorded.
+        camera: the camera as recorded.
         unit: `unit_camera_set` of the camera.
-        parameters: Meaning of each element of `value`.
+        parameters: meaning of each element of `value`.
     """
     rows = _rows(value, camera.lens, parameters)
     pose = rows.get("pose")
@@ -181,10 +181,10 @@ def reported_values(
     differences from the recorded values.
 
     Args:
-        value: As for `corrected_camera`.
-        camera: As for `corrected_camera`.
-        unit: As for `corrected_camera`.
-        parameters: As for `corrected_camera`.
+        value: as for `corrected_camera`.
+        camera: as for `corrected_camera`.
+        unit: as for `corrected_camera`.
+        parameters: as for `corrected_camera`.
     """
     corrected, gain = corrected_camera(value, camera, unit, parameters)
     film, shutter = camera.film, corrected.shutter

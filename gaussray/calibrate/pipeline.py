@@ -49,13 +49,13 @@ def calibrate(
     Systematic errors of the scene can shift values beyond both.
 
     Args:
-        scene: The scene that the pictures show.
-        capture: Pictures with recorded cameras, the starting guess.
-        out: Folder to write. It receives a manifest with the calibrated cameras (transforms.json,
+        scene: the scene that the pictures show.
+        capture: pictures with recorded cameras, the starting guess.
+        out: folder to write. It receives a manifest with the calibrated cameras (transforms.json,
             or <effect>.json), which `render` and `evaluate` read, and report.json.
-        options: Which parameters to estimate, and from which pictures; None for the defaults.
-        trace: Options of the tracer; None for the defaults.
-        quiet: Whether to print no progress.
+        options: which parameters to estimate, and from which pictures; None for the defaults.
+        trace: options of the tracer; None for the defaults.
+        quiet: whether to print no progress.
 
     Returns:
         The content of report.json: under `parameters` the `name`, `camera`, `start`, `value`,

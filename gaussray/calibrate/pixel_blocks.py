@@ -18,8 +18,8 @@ class PixelBlocks(eqx.Module):
     """Blocks of pixels of a picture: the rays that sample them and their mean colours.
 
     Args:
-        pixel: Index (column, row) of each ray's pixel.
-        weight: Weight of each ray; 0 outside the mask and in padding.
+        pixel: index (column, row) of each ray's pixel.
+        weight: weight of each ray; 0 outside the mask and in padding.
         truth: sRGB-encoded mean colour of each block.
     """
 
@@ -42,10 +42,10 @@ def pixel_blocks(
     4 x 4 evenly spread rays through whole pixels, so that row times and lens need no scaling.
 
     Args:
-        light: The picture in linear light.
-        mask: Weight of each pixel; 0 leaves it out.
-        factor: Pixels along the side of a block.
-        bundle: Rays along the side of a ray tile; a tile holds whole blocks.
+        light: the picture in linear light.
+        mask: weight of each pixel; 0 leaves it out.
+        factor: pixels along the side of a block.
+        bundle: rays along the side of a ray tile; a tile holds whole blocks.
 
     Returns:
         Groups of equal size, at most 64 ray tiles each, so that one compiled program fits all.

@@ -33,10 +33,10 @@ class CameraEstimate(eqx.Module):
     """A recorded camera and a value for each of its unknowns; zeros are the camera as recorded.
 
     Args:
-        camera: The recorded camera.
-        unit: Its `parameters.unit_camera_set`.
-        unknowns: The unknowns.
-        value: Their values.
+        camera: the recorded camera.
+        unit: its `parameters.unit_camera_set`.
+        unknowns: the unknowns.
+        value: their values.
     """
 
     camera: Camera
@@ -53,9 +53,9 @@ class TraceSettings(eqx.Module):
     """How pictures are rendered.
 
     Args:
-        samples: Rays per pixel.
-        keys: Key states of the scene.
-        trace: Options of the tracer.
+        samples: rays per pixel.
+        keys: key states of the scene.
+        trace: options of the tracer.
     """
 
     samples: int = eqx.field(static=True)
@@ -67,12 +67,12 @@ class NormalEquations(eqx.Module):
     """Residuals of pixel blocks, and the sums of robust least squares over them.
 
     Args:
-        residual: Rendered minus recorded sRGB value; 0 where a block does not count.
+        residual: rendered minus recorded sRGB value; 0 where a block does not count.
         counts: 1 where a block counts, else 0.
-        gradient: Gradient of Huber's loss.
-        curvature: Weighted Gauss-Newton Hessian, for steps.
+        gradient: gradient of Huber's loss.
+        curvature: weighted Gauss-Newton Hessian, for steps.
         inlier_curvature: Gauss-Newton Hessian of the residuals below the bend, for standard errors.
-        scatter: Sums of g g^T over blocks and over ray tiles; g is the gradient of one of them.
+        scatter: sums of g g^T over blocks and over ray tiles; g is the gradient of one of them.
     """
 
     residual: Float[Array, "blocks 3"]
@@ -87,9 +87,9 @@ class ResidualEvaluator:
     """Compares camera estimates with pictures; keeps the list capacities that the tracer needs.
 
     Args:
-        samples: Rays per pixel.
-        trace: Options of the tracer.
-        bend: Where Huber's loss turns linear, in standard deviations.
+        samples: rays per pixel.
+        trace: options of the tracer.
+        bend: where Huber's loss turns linear, in standard deviations.
     """
 
     def __init__(self, *, samples: int, trace: TraceOptions, bend: float):
@@ -110,11 +110,11 @@ class ResidualEvaluator:
         """Residuals of the blocks for a camera estimate, and their normal equations.
 
         Args:
-            scene: The scene.
-            estimate: The camera estimate.
-            blocks: The blocks.
-            deviation: Standard deviation of the residuals, the unit of the bend.
-            keys: Number of key states of the scene.
+            scene: the scene.
+            estimate: the camera estimate.
+            blocks: the blocks.
+            deviation: standard deviation of the residuals, the unit of the bend.
+            keys: number of key states of the scene.
         """
         settings = TraceSettings(self.samples, keys, self.trace)
         inputs = scene, estimate, blocks, settings

@@ -36,8 +36,8 @@ def unknown_labels(solver: CameraSolver, cameras: Sequence[str]) -> list[Label]:
     """A label for every unknown, in the order of the values.
 
     Args:
-        solver: The solver.
-        cameras: Names of the cameras.
+        solver: the solver.
+        cameras: names of the cameras.
     """
     result: dict[int, Label] = {}
     for camera, row in zip(cameras, solver.places, strict=True):
@@ -51,8 +51,8 @@ def check_effect(sums: Sums, labels: Sequence[Label]) -> None:
     """Check that every unknown has an effect on the pictures.
 
     Args:
-        sums: Sums for the recorded cameras.
-        labels: Labels of the unknowns.
+        sums: sums for the recorded cameras.
+        labels: labels of the unknowns.
 
     Raises:
         ValueError: An unknown has no effect.
@@ -77,9 +77,9 @@ def parameter_rows(
     Standard errors are of first order (`least_squares.covariance`).
 
     Args:
-        solver: The solver.
-        solution: Its solution.
-        labels: Labels of the unknowns.
+        solver: the solver.
+        solution: its solution.
+        labels: labels of the unknowns.
     """
     cameras = {one.camera_index: one.camera for one in solver.observations}
     errors = [
@@ -116,8 +116,8 @@ def confounded_pairs(solution: Solution, labels: Sequence[Label]) -> list[str]:
     """A sentence for every two unknowns that the pictures can hardly distinguish.
 
     Args:
-        solution: The solution.
-        labels: Labels of the unknowns.
+        solution: the solution.
+        labels: labels of the unknowns.
     """
     return [
         f"{labels[i]} and {labels[j]} can hardly be told apart in these pictures (their errors "
@@ -137,11 +137,11 @@ def calibrated_records(
     """Manifest records of views with their calibrated cameras.
 
     Args:
-        solver: The solver.
-        solution: Its solution.
-        views: All views of the effect.
-        effect: Name of the effect.
-        cameras: Names of the calibrated cameras.
+        solver: the solver.
+        solution: its solution.
+        views: all views of the effect.
+        effect: name of the effect.
+        cameras: names of the calibrated cameras.
 
     Raises:
         ValueError: The estimated coefficients are no valid lens.

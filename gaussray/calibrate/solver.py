@@ -89,8 +89,8 @@ def block_sides(observations: Sequence[Observation], coarsest: int) -> list[int]
     """Sides of the blocks of each level in pixels, coarse to fine: powers of two down to 1.
 
     Args:
-        observations: The pictures.
-        coarsest: Least number of blocks along the smaller side of a picture at the first level.
+        observations: the pictures.
+        coarsest: least number of blocks along the smaller side of a picture at the first level.
     """
     least = min(min(one.mask.shape) for one in observations)
     return [2**i for i in range(max(int(math.log2(max(least / coarsest, 1))), 0), -1, -1)]
@@ -100,10 +100,10 @@ class CameraSolver:
     """Estimates the unknowns of some cameras from observations of a known scene.
 
     Args:
-        observations: Pictures with their recorded cameras.
-        unknowns: The unknowns of each camera.
-        unit: Units of the unknowns (`parameters.unit_camera_set`).
-        residuals: Compares a camera estimate with a picture.
+        observations: pictures with their recorded cameras.
+        unknowns: the unknowns of each camera.
+        unit: units of the unknowns (`parameters.unit_camera_set`).
+        residuals: compares a camera estimate with a picture.
     """
 
     def __init__(
@@ -137,9 +137,9 @@ class CameraSolver:
         """Sums of robust least squares over the blocks of a level.
 
         Args:
-            value: Values of the unknowns.
-            level: Blocks of each observation.
-            deviation: Standard deviation of the residuals.
+            value: values of the unknowns.
+            level: blocks of each observation.
+            deviation: standard deviation of the residuals.
 
         Raises:
             ValueError: no pixel can be compared, or values are not finite.
@@ -175,9 +175,9 @@ class CameraSolver:
         """Minimise the robust cost level by level.
 
         Args:
-            levels: Block sides, coarse to fine (`block_sides`).
-            steps: Largest number of steps per level.
-            report: Called after each step with block side, step and deviation.
+            levels: block sides, coarse to fine (`block_sides`).
+            steps: largest number of steps per level.
+            report: called after each step with block side, step and deviation.
         """
         value, deviation, history = np.zeros(self.count), math.inf, []
         level = []

@@ -16,8 +16,8 @@ def reference_pixel(
     distance from the axis; m = 1 is none.
 
     Args:
-        lens: The lens of magnification 1. It must image its own axis.
-        pixel: Position in the colour's picture (column, row), pixel centres at +0.5.
+        lens: the lens of magnification 1. It must image its own axis.
+        pixel: position in the colour's picture (column, row), pixel centres at +0.5.
         magnification: m, above 0, without unit.
 
     Returns:

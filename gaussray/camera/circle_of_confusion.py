@@ -23,10 +23,10 @@ def circle_of_confusion(
     optical vignetting make no difference.
 
     Args:
-        camera: The camera.
-        pixel: Index (column, row) of the pixel, on whose chief ray the point lies.
-        t: Distance of the point from the camera, in scene units.
-        time: Time, in the capture's unit: a focus pull changes the focus distance.
+        camera: the camera.
+        pixel: index (column, row) of the pixel, on whose chief ray the point lies.
+        t: distance of the point from the camera, in scene units.
+        time: time, in the capture's unit: a focus pull changes the focus distance.
 
     Returns:
         The diameter; NaN where the pixel has no ray.

@@ -33,9 +33,9 @@ def distort(coefficients: Float[Array, " coefficients"], xy: Float[Array, "2"]) 
     by tau_x about x, then tau_y about y (radians) then sees that in perspective.
 
     Args:
-        coefficients: The first 8, 12 or all 14 of (k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4,
+        coefficients: the first 8, 12 or all 14 of (k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4,
             tau_x, tau_y).
-        xy: Point in focal lengths from the principal point.
+        xy: point in focal lengths from the principal point.
     """
     p1, p2 = coefficients[2:4]
     x, y = xy
@@ -104,7 +104,7 @@ def keeps_picture_orientation(
 
     Args:
         coefficients: 8, 12 or 14 coefficients in OpenCV's order.
-        xy: The ideal image point, in focal lengths.
+        xy: the ideal image point, in focal lengths.
     """
     return keeps_orientation(_bent, xy, coefficients) & _radius_grows(coefficients, xy)
 
@@ -116,7 +116,7 @@ def undistort(
 
     Args:
         coefficients: 8, 12 or 14 coefficients in OpenCV's order.
-        target: The distorted image point, in focal lengths.
+        target: the distorted image point, in focal lengths.
 
     Returns:
         The ideal image point, and whether there is one before the picture folds.

@@ -20,8 +20,8 @@ class FocusPull(eqx.Module):
     last knot.
 
     Args:
-        time: Times of the knots, strictly increasing, in the capture's unit.
-        distance: Focus distance at each knot in scene units, above 0; infinity is allowed.
+        time: times of the knots, strictly increasing, in the capture's unit.
+        distance: focus distance at each knot in scene units, above 0; infinity is allowed.
         ease: "linear", or "smooth" (3x^2 - 2x^3: starts and ends at rest).
 
     Raises:

@@ -25,16 +25,16 @@ class ImuOptions(eqx.Module):
     """An inertial measurement unit whose axes are the camera's (right, down, forward).
 
     Args:
-        rate: Samples per second.
-        gravity: Acceleration of free fall along the world's axes, in m/s^2.
-        units_per_metre: Scene units per metre.
-        seconds_per_unit: Seconds per unit of the capture's time.
-        gyroscope_noise: Density of white noise, rad/s per square root of Hz; 0 is none.
-        accelerometer_noise: Density of white noise, m/s^2 per square root of Hz.
-        gyroscope_walk: Density of the white noise whose integral is the bias, rad/s^2 per square
+        rate: samples per second.
+        gravity: acceleration of free fall along the world's axes, in m/s^2.
+        units_per_metre: scene units per metre.
+        seconds_per_unit: seconds per unit of the capture's time.
+        gyroscope_noise: density of white noise, rad/s per square root of Hz; 0 is none.
+        accelerometer_noise: density of white noise, m/s^2 per square root of Hz.
+        gyroscope_walk: density of the white noise whose integral is the bias, rad/s^2 per square
             root of Hz.
-        accelerometer_walk: The same of the accelerometer, m/s^3 per square root of Hz.
-        seed: Random seed of noise and bias.
+        accelerometer_walk: the same of the accelerometer, m/s^3 per square root of Hz.
+        seed: random seed of noise and bias.
     """
 
     rate: float = eqx.field(static=True, default=200.0)
@@ -68,11 +68,11 @@ class ImuSamples(NamedTuple):
     """Samples of an IMU and the truth about them, in metres and seconds.
 
     Args:
-        gyroscope: Turn rate about the camera's axes, rad/s, with bias and noise.
-        accelerometer: Specific force along the camera's axes, m/s^2, with bias and noise.
-        position: Of the camera in the world, m.
+        gyroscope: turn rate about the camera's axes, rad/s, with bias and noise.
+        accelerometer: specific force along the camera's axes, m/s^2, with bias and noise.
+        position: of the camera in the world, m.
         quat: world_from_camera (w, x, y, z), of unit length.
-        velocity: Of the camera in the world, m/s.
+        velocity: of the camera in the world, m/s.
         gyroscope_bias: rad/s.
         accelerometer_bias: m/s^2.
     """
@@ -97,9 +97,9 @@ def imu_samples(
     start from `options.seed`. All is computed in double precision.
 
     Args:
-        trajectory: The camera's path, in scene units and the capture's unit of time.
-        time: Times of the samples, in seconds, increasing.
-        options: The IMU.
+        trajectory: the camera's path, in scene units and the capture's unit of time.
+        time: times of the samples, in seconds, increasing.
+        options: the IMU.
 
     Returns:
         The measurements, and the true pose, velocity and biases.
@@ -140,8 +140,8 @@ def camera_velocity(
     corner they are those after it.
 
     Args:
-        trajectory: The camera's path.
-        time: In the capture's unit.
+        trajectory: the camera's path.
+        time: in the capture's unit.
 
     Returns:
         Radians and scene units per unit of the capture's time.

@@ -29,9 +29,9 @@ def look_at(eye: Point, target: Point = (0.0, 0.0, 0.0), up: Point = _Z_UP) -> T
     """The trajectory of a camera that stays at `eye` and looks at `target`.
 
     Args:
-        eye: Position of the camera in scene units.
-        target: The point in the middle of the picture, elsewhere than `eye`.
-        up: Direction in the world that points up in the picture, not along the view. The default is
+        eye: position of the camera in scene units.
+        target: the point in the middle of the picture, elsewhere than `eye`.
+        up: direction in the world that points up in the picture, not along the view. The default is
             +z, as in Blender; scenes from COLMAP often have (0, -1, 0) up.
 
     Returns:
@@ -59,11 +59,11 @@ def orbit(
     from where `up` points to.
 
     Args:
-        eye: First position of the camera in scene units.
-        target: The point in the middle of the picture, on the axis.
-        up: Direction of the axis, up in the picture; see `look_at`.
-        turns: Number of full turns; negative is clockwise.
-        times: Times of the first and the last pose, in the scene's unit.
+        eye: first position of the camera in scene units.
+        target: the point in the middle of the picture, on the axis.
+        up: direction of the axis, up in the picture; see `look_at`.
+        turns: number of full turns; negative is clockwise.
+        times: times of the first and the last pose, in the scene's unit.
 
     Returns:
         A trajectory of `POSES_PER_TURN` poses a turn with a spline between them, which goes on

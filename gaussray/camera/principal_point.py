@@ -12,8 +12,8 @@ def axis_of(lens: AbstractLens, dtype: DTypeLike) -> Float[Array, "2"]:
     lens does not image it.
 
     Args:
-        lens: The lens.
-        dtype: Precision of the result.
+        lens: the lens.
+        dtype: precision of the result.
     """
     return lens.project(jnp.asarray([0, 0, 1], dtype))
 

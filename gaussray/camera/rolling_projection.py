@@ -26,9 +26,9 @@ def pixel_at(camera: Camera, point: Float[Array, "3"], time: Float[Array, ""]) -
     """Pixel of a world point, seen from the camera's pose at a time. The aperture is left out.
 
     Args:
-        camera: The camera.
-        point: Position in the world, in scene units.
-        time: Time of the pose, in the capture's unit.
+        camera: the camera.
+        point: position in the world, in scene units.
+        time: time of the pose, in the capture's unit.
 
     Returns:
         Position (column, row) with pixel centres at +1/2; NaN where the lens does not image it.
@@ -47,8 +47,8 @@ def row_time_at(
     after the other stay apart.
 
     Args:
-        camera: The camera.
-        pixel: Position (column, row), pixel centres at +1/2.
+        camera: the camera.
+        pixel: position (column, row), pixel centres at +1/2.
         field: 0 for rows 0, 2, 4, ...; 1 for the others.
 
     Returns:
@@ -72,9 +72,9 @@ class RowTiming(NamedTuple):
     """Pixel of a point at a time, and when the shutter reads that pixel.
 
     Args:
-        pixel: Position (column, row), pixel centres at +1/2; NaN where it is not imaged.
-        delay: How much later than the point's time the pixel is read, in the capture's unit.
-        row_step: Time from one row to the next there, in the capture's unit.
+        pixel: position (column, row), pixel centres at +1/2; NaN where it is not imaged.
+        delay: how much later than the point's time the pixel is read, in the capture's unit.
+        row_step: time from one row to the next there, in the capture's unit.
     """
 
     pixel: Float[Array, "*points 2"]
@@ -88,10 +88,10 @@ def row_timing(
     """Pixel and readout delay of a world point at a time.
 
     Args:
-        camera: The camera.
-        point: Position of the point at `time`, in scene units.
-        time: Time, in the capture's unit.
-        field: See `row_time_at`.
+        camera: the camera.
+        point: position of the point at `time`, in scene units.
+        time: time, in the capture's unit.
+        field: see `row_time_at`.
     """
     pixel = pixel_at(camera, point, time)
     row_time, row_step = row_time_at(camera, pixel, field)
@@ -102,8 +102,8 @@ class PathProjection(NamedTuple):
     """Pixels at which a picture shows moving points.
 
     Args:
-        pixel: Position (column, row), pixel centres at +1/2.
-        visible: Whether the point is imaged, inside the picture, by a row that is read just then.
+        pixel: position (column, row), pixel centres at +1/2.
+        visible: whether the point is imaged, inside the picture, by a row that is read just then.
     """
 
     pixel: Float[Array, "*points 2"]
@@ -126,10 +126,10 @@ def project_paths(
     fields, the one that is read nearest to the guess is taken.
 
     Args:
-        path: Positions of the points, in scene units, at their times.
+        path: positions of the points, in scene units, at their times.
         timing: `row_timing` of one camera for all points: of (positions, times, fields).
-        guess: Times to start from, in the capture's unit.
-        film: The camera's film.
+        guess: times to start from, in the capture's unit.
+        film: the camera's film.
         fields: 2 where the shutter has `row_times`, else 1.
     """
     field = jnp.zeros(guess.shape, jnp.int32)

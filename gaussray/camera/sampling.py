@@ -31,7 +31,7 @@ def sobol_samples(count: int) -> Float[Array, "samples 5"]:
     replaced by its rank. A single sample is the centre of the cube.
 
     Args:
-        count: Number of samples, at least 1.
+        count: number of samples, at least 1.
 
     Returns:
         Points in (0, 1).
@@ -76,8 +76,8 @@ def shifted_samples(count: int, batch: Int[Array, ""]) -> Float[Array, "samples 
     scatter is a standard error (randomised quasi-Monte Carlo, Cranley and Patterson 1976).
 
     Args:
-        count: Number of samples.
-        batch: Index of the batch; the shift depends on it alone.
+        count: number of samples.
+        batch: index of the batch; the shift depends on it alone.
     """
     seed = pcg_hash(batch.astype(jnp.uint32))
     shift = pcg_hash(jnp.arange(DIMENSIONS, dtype=jnp.uint32) + seed)
@@ -90,8 +90,8 @@ def random_samples(count: int, key: Array) -> Float[Array, "samples 5"]:
     The mean over the samples of each key is unbiased (Cranley and Patterson 1976).
 
     Args:
-        count: Number of samples.
-        key: A `jax.random` key, which gives the shift.
+        count: number of samples.
+        key: a `jax.random` key, which gives the shift.
     """
     return _shifted(sobol_samples(count), jax.random.bits(key, (DIMENSIONS,), jnp.uint32))
 
@@ -103,8 +103,8 @@ def step_samples(count: int, step: Int[Array, ""]) -> Float[Array, "samples 5"]:
     (Roberts 2018), which fill the cube evenly. A single sample stays the centre.
 
     Args:
-        count: Number of samples.
-        step: Number of the training step.
+        count: number of samples.
+        step: number of the training step.
     """
     point = sobol_samples(count)
     if count == 1:

@@ -83,9 +83,9 @@ def shake_pose(shake: Shake, pose: RigidTransform, time: Float[Array, ""]) -> Ri
     """world_from_camera of a camera that shakes around a pose.
 
     Args:
-        shake: The shake.
+        shake: the shake.
         pose: world_from_camera without it.
-        time: In the capture's unit.
+        time: in the capture's unit.
     """
     x = unit_shake(shake, time)
     turned = multiply(pose.quat, turning(shake.turn * x[:3]))

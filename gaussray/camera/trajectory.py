@@ -28,11 +28,11 @@ class Trajectory(eqx.Module):
     """Poses world_from_camera at increasing times; a single pose is a fixed camera.
 
     Args:
-        time: Times of the poses, strictly increasing, in the capture's unit.
-        quat: Rotations as quaternions (w, x, y, z), not zero.
-        translation: Positions of the camera in scene units.
-        interpolation: Between poses: "linear", or "spline" (see `pose_at`).
-        shake: Camera shake around that path; None is none.
+        time: times of the poses, strictly increasing, in the capture's unit.
+        quat: rotations as quaternions (w, x, y, z), not zero.
+        translation: positions of the camera in scene units.
+        interpolation: between poses: "linear", or "spline" (see `pose_at`).
+        shake: camera shake around that path; None is none.
 
     Raises:
         ValueError: If a value breaks its rule.
@@ -98,8 +98,8 @@ def pose_at(trajectory: Trajectory, time: Float[Array, ""]) -> RigidTransform:
     still. A `shake` is composed on top of either, at any time.
 
     Args:
-        trajectory: The trajectory.
-        time: In the capture's unit.
+        trajectory: the trajectory.
+        time: in the capture's unit.
     """
     pose = _on_path(trajectory, time)
     return pose if trajectory.shake is None else shake_pose(trajectory.shake, pose, time)

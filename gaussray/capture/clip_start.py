@@ -23,8 +23,8 @@ def with_clip_starts(capture: Capture, clip_start: float | None = None) -> Captu
     distance to the nearest other camera, for cameras that stand still in pictures of several times.
 
     Args:
-        capture: The capture.
-        clip_start: Of all cameras, in scene units, whatever the files say; None is what the files
+        capture: the capture.
+        clip_start: of all cameras, in scene units, whatever the files say; None is what the files
             say, and 0 for other cameras of such files, or else that tenth.
     """
     views = [*capture.views, *(view for some in capture.effects.values() for view in some)]

@@ -20,7 +20,7 @@ def with_mask_folder(capture: Capture) -> Capture:
     have one, or that none of the files is one. Pictures to which the files give a mask keep it.
 
     Args:
-        capture: The capture, of a format whose files name no masks.
+        capture: the capture, of a format whose files name no masks.
     """
     masks = [_mask(capture.folder, view) for view in capture.views]
     found = sum(mask is not None for mask in masks)

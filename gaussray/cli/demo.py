@@ -42,12 +42,12 @@ def demo(
     videos with the ground truth beside the render. An interrupted demo continues where it stopped.
 
     Args:
-        capture: Folder of a paired capture; None is the sample.
-        out: The output folder.
-        options: Options of reconstruction, rendering and evaluation.
-        devices: How many devices of this host to use; None is all.
-        quiet: Whether to report no progress.
-        listener: Is called with every line of metrics.jsonl.
+        capture: folder of a paired capture; None is the sample.
+        out: the output folder.
+        options: options of reconstruction, rendering and evaluation.
+        devices: how many devices of this host to use; None is all.
+        quiet: whether to report no progress.
+        listener: is called with every line of metrics.jsonl.
 
     Returns:
         The content of report.json: the scores of all effects and of the training views.

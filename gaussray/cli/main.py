@@ -48,7 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     the environment variable GAUSSRAY_TRACEBACK set, every error shows its traceback.
 
     Args:
-        arguments: Words of the command line without the program's name; None reads sys.argv.
+        arguments: words of the command line without the program's name; None reads sys.argv.
 
     Raises:
         SystemExit: The command failed; the exit code says how.

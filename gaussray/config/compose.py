@@ -44,8 +44,8 @@ def compose_config(command: str, overrides: Sequence[str]) -> Configuration:
     """Compose and resolve the configuration of a command.
 
     Args:
-        command: A subcommand of gaussray, such as `render`.
-        overrides: Words of the command line: `key=value` or `group=choice`.
+        command: a subcommand of gaussray, such as `render`.
+        overrides: words of the command line: `key=value` or `group=choice`.
 
     Returns:
         The configuration, without missing values and interpolations.
@@ -215,8 +215,8 @@ def resolve_config(command: str, cfg: Configuration) -> Configuration:
     """Resolve the references of a configuration in place, and check its paths.
 
     Args:
-        command: Subcommand of `gaussray`, for messages.
-        cfg: Configuration from `compose_unresolved`.
+        command: subcommand of `gaussray`, for messages.
+        cfg: configuration from `compose_unresolved`.
 
     Returns:
         The same configuration without references; `sample` as a path is that of the sample data.

@@ -52,10 +52,10 @@ def render_job(
     """The render job of a configuration.
 
     Args:
-        cfg: A configuration of `gaussray render` or `gaussray view`.
-        load: Reads the scene from its path; a cached function where many jobs share the scene.
-        cameras: Reads the views from the paths of scene and capture, likewise.
-        note: Gets a line about each choice that a key has switched on.
+        cfg: a configuration of `gaussray render` or `gaussray view`.
+        load: reads the scene from its path; a cached function where many jobs share the scene.
+        cameras: reads the views from the paths of scene and capture, likewise.
+        note: gets a line about each choice that a key has switched on.
 
     Raises:
         ValueError: A value is impossible; the message names its key and its rule.
@@ -165,10 +165,10 @@ def chosen_views(
     """The frames to render: of a capture's cameras, or of a camera that is placed in the scene.
 
     Args:
-        cfg: The configuration.
-        scene: The scene.
-        camera: Options of the camera.
-        cameras: Reads the views of a capture.
+        cfg: the configuration.
+        scene: the scene.
+        camera: options of the camera.
+        cameras: reads the views of a capture.
     """
     if camera.kind == "capture":
         return cameras(cfg.scene, cfg.cameras)

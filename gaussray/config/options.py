@@ -25,8 +25,8 @@ def build_options(kind: type[OptionsT], node: Configuration) -> OptionsT:
     """One group of a configuration becomes one options object.
 
     Args:
-        kind: The options class, whose fields are the keys of the group and have defaults.
-        node: The group's values. `null` is accepted for fields of type `X | None` alone.
+        kind: the options class, whose fields are the keys of the group and have defaults.
+        node: the group's values. `null` is accepted for fields of type `X | None` alone.
 
     Raises:
         ValueError: A key is unknown, or a value does not have the type of its field.

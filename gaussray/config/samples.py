@@ -63,8 +63,8 @@ def generate_dataset(cfg: Configuration, overrides: Sequence[str]) -> str:
     It is this process's shard, or all shards through Hydra's launcher.
 
     Args:
-        cfg: The configuration.
-        overrides: Its words.
+        cfg: the configuration.
+        overrides: its words.
 
     Returns:
         A line about the result, for the user.
@@ -112,8 +112,8 @@ def render_shard(overrides: Sequence[str], cfg: Configuration) -> int:
     """Render the samples of one shard.
 
     Args:
-        overrides: Words of the configuration.
-        cfg: The configuration.
+        overrides: words of the configuration.
+        cfg: the configuration.
 
     Returns:
         The number of samples, of all shards, that are still missing.

@@ -15,8 +15,8 @@ def closest_word(word: str, candidates: Iterable[str]) -> str:
     same group, then any key.
 
     Args:
-        word: The word that the user wrote.
-        candidates: The known words.
+        word: the word that the user wrote.
+        candidates: the known words.
 
     Returns:
         The closest one; empty if none is similar.
@@ -38,8 +38,8 @@ def did_you_mean(word: str, candidates: Iterable[str]) -> str:
     """The question that ends a message, such as " Did you mean aperture.radius?".
 
     Args:
-        word: The word that the user wrote.
-        candidates: The known words.
+        word: the word that the user wrote.
+        candidates: the known words.
 
     Returns:
         The question; empty if no candidate is similar.

@@ -15,7 +15,7 @@ def path_of_frames(frames: Sequence[dict[str, Any]]) -> Trajectory:
     through these.
 
     Args:
-        frames: Entries of the manifest, in the order of time.
+        frames: entries of the manifest, in the order of time.
 
     Raises:
         ValueError: The frames have different trajectories.

@@ -19,9 +19,9 @@ def write_carla_rs(source: SampleFiles, out: Path, units: ImuOptions) -> int:
     """Write a sample as OUT/SAMPLE/0000_rs.png, 0000_gs_f.png, 0000_gs_m.png, ... and gt_vel.log.
 
     Args:
-        source: The sample, with the labels global_first and global_middle.
-        out: Folder of the layout.
-        units: Scene units per metre and seconds per unit of time.
+        source: the sample, with the labels global_first and global_middle.
+        out: folder of the layout.
+        units: scene units per metre and seconds per unit of time.
 
     Returns:
         The number of frames.

@@ -71,8 +71,8 @@ def check_half(path: Path, largest: float | np.floating) -> None:
     """Check that half floats can hold a picture.
 
     Args:
-        path: The file, for the message.
-        largest: Its largest finite magnitude.
+        path: the file, for the message.
+        largest: its largest finite magnitude.
 
     Raises:
         ValueError: They cannot.
@@ -120,8 +120,8 @@ def enlarge(image: np.ndarray, least: int) -> np.ndarray:
     """Enlarge a picture by the smallest sufficient integer factor; pixels are repeated.
 
     Args:
-        image: The picture.
-        least: Smallest side of the result, in pixels.
+        image: the picture.
+        least: smallest side of the result, in pixels.
     """
     factor = max(1, math.ceil(least / min(image.shape[:2])))
     if factor == 1:
@@ -199,9 +199,9 @@ def write_pixels(path: Path, image: np.ndarray, spec: "oiio.ImageSpec") -> None:
     """Write pixels atomically. Equal pixels give equal files: the date of an EXR is empty.
 
     Args:
-        path: The file.
-        image: Pixels [h, w, channels].
-        spec: Size and type of the file.
+        path: the file.
+        image: pixels [h, w, channels].
+        spec: size and type of the file.
 
     Raises:
         OSError: the file cannot be written.

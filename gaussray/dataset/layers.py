@@ -83,8 +83,8 @@ def write_integers(path: Path | str, codes: np.ndarray) -> None:
     """Write integers as a gray PNG, of 16 bits if one is above 255.
 
     Args:
-        path: The file, `.png`.
-        codes: Integers [h, w] in 0..65535.
+        path: the file, `.png`.
+        codes: integers [h, w] in 0..65535.
 
     Raises:
         ValueError: the suffix is not .png, or an integer is out of range.

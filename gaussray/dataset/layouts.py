@@ -66,10 +66,10 @@ def write_layout(
     all labels that there are (`write_image_folder`).
 
     Args:
-        data: Folder of the dataset, whose pictures are PNG files.
-        out: Folder of the layout.
-        layout: One of `LAYOUT_LABELS`.
-        imu: The inertial measurement unit of euroc, whose units of length and time also count for
+        data: folder of the dataset, whose pictures are PNG files.
+        out: folder of the layout.
+        layout: one of `LAYOUT_LABELS`.
+        imu: the inertial measurement unit of euroc, whose units of length and time also count for
             the velocities of carla_rs; None for the default one.
 
     Returns:

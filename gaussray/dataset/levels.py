@@ -19,8 +19,8 @@ class LevelTable(NamedTuple):
     and a comparison are therefore exact, and several times faster than the power of a curve.
 
     Args:
-        level: Level of the smallest of these numbers.
-        edge: The smallest number of the next level; infinity if it is not among them.
+        level: level of the smallest of these numbers.
+        edge: the smallest number of the next level; infinity if it is not among them.
     """
 
     level: UInt8[np.ndarray, "65536"]
@@ -42,7 +42,7 @@ def _level_table(decode: Callable[[np.ndarray], np.ndarray]) -> LevelTable:
     """The levels of a rising curve from 0 to 1.
 
     Args:
-        decode: Inverse of the curve.
+        decode: inverse of the curve.
     """
     exact = decode((np.arange(1, 256) - 0.5) / 255)
     edges = exact.astype(np.float32)
@@ -68,8 +68,8 @@ def host_levels(
     """Levels of numbers on the host.
 
     Args:
-        light: Finite numbers in single precision.
-        table: The levels.
+        light: finite numbers in single precision.
+        table: the levels.
     """
     # The upper half of each number, in the order of bytes of every machine that JAX runs on.
     upper = np.ascontiguousarray(light).view(np.uint16)[..., 1::2]
@@ -80,8 +80,8 @@ def device_levels(light: Float[Array, "*shape"], table: LevelTable) -> UInt8[Arr
     """Levels of numbers on a device, equal to those of `host_levels`.
 
     Args:
-        light: Finite numbers; others get any level. Double precision is rounded to single.
-        table: The levels.
+        light: finite numbers; others get any level. Double precision is rounded to single.
+        table: the levels.
     """
     light = light.astype(jnp.float32)
     upper = (jax.lax.bitcast_convert_type(light, jnp.uint32) >> 16).astype(jnp.int32)
@@ -93,7 +93,7 @@ def require_finite(unfit: int) -> None:
     """Check that a picture can be stored in 8 bits.
 
     Args:
-        unfit: How many of its values are not finite.
+        unfit: how many of its values are not finite.
 
     Raises:
         ValueError: Some are not.

@@ -55,8 +55,8 @@ class ManifestEntry(NamedTuple):
     """What a manifest says about a picture.
 
     Args:
-        keys: All keys, also those that other pictures share.
-        tables: The arrays that the keys name, by file name.
+        keys: all keys, also those that other pictures share.
+        tables: the arrays that the keys name, by file name.
     """
 
     keys: dict[str, Any]

@@ -23,8 +23,8 @@ def write_kitti_flow(path: Path | str, flow: Float[np.ndarray, "h w 2"]) -> None
     (512 pixels), are not valid.
 
     Args:
-        path: The file.
-        flow: Column and row flow in pixels.
+        path: the file.
+        flow: column and row flow in pixels.
 
     Raises:
         OSError: the file cannot be written.
@@ -40,8 +40,8 @@ def write_flo(path: Path | str, flow: Float[np.ndarray, "h w 2"]) -> None:
     """Write flow as a Middlebury .flo file: tag, width, height, then flow in single precision.
 
     Args:
-        path: The file.
-        flow: Column and row flow in pixels; NaN becomes 1e10, which readers treat as unknown.
+        path: the file.
+        flow: column and row flow in pixels; NaN becomes 1e10, which readers treat as unknown.
 
     Raises:
         OSError: the file cannot be written.

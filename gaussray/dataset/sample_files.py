@@ -28,8 +28,8 @@ class SampleFiles:
         """The picture of a frame, or the file of a label.
 
         Args:
-            frame: The frame's entry of the manifest.
-            label: Name of the label; None is the picture.
+            frame: the frame's entry of the manifest.
+            label: name of the label; None is the picture.
 
         Raises:
             ValueError: The dataset does not have the label.
@@ -66,8 +66,8 @@ class SampleFiles:
         """A label [h, w] of numbers; None where the dataset does not have it.
 
         Args:
-            frame: The frame's entry of the manifest.
-            label: Name of a channel of the frame's EXR file, such as `z` or `normal.x`.
+            frame: the frame's entry of the manifest.
+            label: name of a channel of the frame's EXR file, such as `z` or `normal.x`.
         """
         if "layers" not in frame.get("labels", {}):
             return None
@@ -77,8 +77,8 @@ class SampleFiles:
         """The error of a layout that needs files which the dataset lacks.
 
         Args:
-            what: What is missing.
-            remedy: Keys that render it.
+            what: what is missing.
+            remedy: keys that render it.
         """
         return ValueError(
             f"{self.data / MANIFEST}: the layout needs {what}, sample {self.name} has none. Render "

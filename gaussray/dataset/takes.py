@@ -37,8 +37,8 @@ def is_complete(folder: Path, facts: Mapping[str, Any]) -> bool:
     """Whether the sample of a folder is complete.
 
     Args:
-        folder: Folder of the sample.
-        facts: Its parameters, drawn values and seed.
+        folder: folder of the sample.
+        facts: its parameters, drawn values and seed.
 
     Raises:
         ValueError: The sample in the folder was rendered from other facts.
@@ -80,9 +80,9 @@ def write_take(folder: Path, facts: Mapping[str, Any], records: Sequence[FrameRe
     It holds the facts, the frames of the camera files, and the time at which each row is exposed.
 
     Args:
-        folder: Folder of the sample, with its pictures and camera files.
-        facts: Its parameters, drawn values and seed.
-        records: Its frames.
+        folder: folder of the sample, with its pictures and camera files.
+        facts: its parameters, drawn values and seed.
+        records: its frames.
     """
     made_by = {"gaussray": version("gaussray"), "git": _commit()}
     line = json.dumps({**_json(facts), **made_by, **_frame_facts(folder, records)}, allow_nan=False)
@@ -96,8 +96,8 @@ def append_take(data: Path, index: int) -> None:
     It is a single write, so that the processes of several shards can append.
 
     Args:
-        data: Folder of the dataset.
-        index: Index of the sample.
+        data: folder of the dataset.
+        index: index of the sample.
     """
     line = (data / folder_of(index) / LINE).read_bytes()
     manifest = os.open(data / MANIFEST, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
@@ -112,8 +112,8 @@ def write_takes(data: Path, count: int) -> int:
     run with a larger number of samples has left.
 
     Args:
-        data: Folder of the dataset.
-        count: Number of samples of the dataset.
+        data: folder of the dataset.
+        count: number of samples of the dataset.
 
     Returns:
         The number of samples that are missing.

@@ -29,11 +29,11 @@ class Flicker:
         """Add a picture of a camera.
 
         Args:
-            part: Group of the picture: training, held-out cameras or held-out times.
-            camera: Name of the camera.
-            static: Pixels in which nothing moves; the same for all pictures of a camera.
-            truth: Picture of the capture, in 8-bit levels.
-            image: Rendered picture, in 8-bit levels.
+            part: group of the picture: training, held-out cameras or held-out times.
+            camera: name of the camera.
+            static: pixels in which nothing moves; the same for all pictures of a camera.
+            truth: picture of the capture, in 8-bit levels.
+            image: rendered picture, in 8-bit levels.
         """
         levels = np.stack([truth[static], image[static]]).astype(np.uint32)
         frames, total, square = self._sums.get(

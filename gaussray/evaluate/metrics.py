@@ -17,8 +17,8 @@ def psnr(truth: np.ndarray | Array, image: np.ndarray | Array, mask: Mask | None
 
     Args:
         truth: sRGB-encoded picture (h, w, 3), uint8 or float in 0..1.
-        image: The picture to score, of the same size.
-        mask: Pixels (h, w) to compare; None compares all.
+        image: the picture to score, of the same size.
+        mask: pixels (h, w) to compare; None compares all.
 
     Returns:
         -10 log10 of the mean squared difference, in dB; infinity for equal pictures, NaN for an
@@ -42,8 +42,8 @@ def ssim(truth: np.ndarray | Array, image: np.ndarray | Array, mask: Mask | None
 
     Args:
         truth: sRGB-encoded picture (h, w, 3), uint8 or float in 0..1.
-        image: The picture to score, of the same size.
-        mask: Pixels (h, w) over which the SSIM map is averaged, the border included; None averages
+        image: the picture to score, of the same size.
+        mask: pixels (h, w) over which the SSIM map is averaged, the border included; None averages
             all but the 5-pixel border, where the window is cut.
 
     Returns:
@@ -81,8 +81,8 @@ def unit_values(image: np.ndarray | Array, kind: type = np.float64) -> np.ndarra
     """Encoded colours as floats: 8-bit levels divided by 255, floats as they are.
 
     Args:
-        image: The picture.
-        kind: Type of the result.
+        image: the picture.
+        kind: type of the result.
 
     Raises:
         ValueError: the pictures are neither uint8 nor floats.

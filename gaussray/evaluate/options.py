@@ -12,14 +12,14 @@ class EvaluateOptions(eqx.Module):
 
     Args:
         split: `train`, `test` or `all`.
-        effects: Names of the effects to score. Empty: all.
-        frames: The largest number of pictures per effect, evenly spread. 0: all.
-        samples_pinhole: Rays per pixel of the effect `pinhole`.
-        samples_rolling_shutter: Rays per pixel of the effect `rolling_shutter`.
-        samples_fisheye: Rays per pixel of the effect `fisheye`.
-        samples_depth_of_field: Rays per pixel of the effect `depth_of_field`.
-        samples_other: Rays per pixel of any other effect.
-        images: Whether to write truth, rendering and difference side by side, and videos.
+        effects: names of the effects to score. Empty: all.
+        frames: the largest number of pictures per effect, evenly spread. 0: all.
+        samples_pinhole: rays per pixel of the effect `pinhole`.
+        samples_rolling_shutter: rays per pixel of the effect `rolling_shutter`.
+        samples_fisheye: rays per pixel of the effect `fisheye`.
+        samples_depth_of_field: rays per pixel of the effect `depth_of_field`.
+        samples_other: rays per pixel of any other effect.
+        images: whether to write truth, rendering and difference side by side, and videos.
 
     Raises:
         ValueError: If an option is out of range. The message names its key.

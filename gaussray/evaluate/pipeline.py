@@ -59,15 +59,15 @@ def evaluate(
     With several hosts, only host 0 evaluates; the others receive its report.
 
     Args:
-        scene: The reconstructed scene.
-        truth: The capture with pictures and recorded cameras.
-        out: Folder to write: report.json, scores.jsonl with a line per picture, a contact sheet,
+        scene: the reconstructed scene.
+        truth: the capture with pictures and recorded cameras.
+        out: folder to write: report.json, scores.jsonl with a line per picture, a contact sheet,
             and under <effect>/ each picture beside the truth.
-        options: Which pictures to score, and rays per pixel; None for the defaults.
-        render: Options of the renderer, None for the defaults; `options` sets its rays per pixel.
-        trace: Options of the tracer; None for the defaults.
-        devices: How many devices of this host to use; None for all.
-        quiet: Whether to print no progress.
+        options: which pictures to score, and rays per pixel; None for the defaults.
+        render: options of the renderer, None for the defaults; `options` sets its rays per pixel.
+        trace: options of the tracer; None for the defaults.
+        devices: how many devices of this host to use; None for all.
+        quiet: whether to print no progress.
 
     Returns:
         The content of report.json. Under `effects`, for each effect: means over the pictures of

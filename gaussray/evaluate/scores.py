@@ -36,9 +36,9 @@ def summary(
     """Mean scores of an effect.
 
     Args:
-        rows: Scores of each picture, with its `part` (training, held-out cameras or times).
-        samples: Rays per pixel.
-        flicker: Flicker of the effect's cameras.
+        rows: scores of each picture, with its `part` (training, held-out cameras or times).
+        samples: rays per pixel.
+        flicker: flicker of the effect's cameras.
 
     Returns:
         Means over the pictures, PSNR of moving pixels from their pooled mean squared error,

@@ -58,8 +58,8 @@ def read_elements(path: Path | str, names: Sequence[str]) -> dict[str, np.ndarra
     Other elements are skipped. Memory is allocated only for data that the file holds.
 
     Args:
-        path: The file.
-        names: The elements, of which `vertex` must be there.
+        path: the file.
+        names: the elements, of which `vertex` must be there.
 
     Returns:
         The elements that the file has, by name.

@@ -18,7 +18,7 @@ def read_ray_map(path: Path | str) -> Float[np.ndarray, "rows columns 3"]:
     """Directions in camera axes (+x right, +y down, +z forward), zero where there is no ray.
 
     Args:
-        path: An .npz file with the array `rays`, or an .exr file with three channels. The table
+        path: an .npz file with the array `rays`, or an .exr file with three channels. The table
             divides the picture into equal cells and holds the direction at each cell's middle.
 
     Raises:

@@ -30,10 +30,10 @@ def consensus(scores: Scores, count: int, start: Sequence[float], width: int) ->
     one, and the best lags against each camera. One pair may be wrong as long as others are right.
 
     Args:
-        scores: Scores of the pairs.
-        count: Number of cameras, at least two.
-        start: Offsets to start from, in samples.
-        width: Lags around a peak that count as the same peak.
+        scores: scores of the pairs.
+        count: number of cameras, at least two.
+        start: offsets to start from, in samples.
+        width: lags around a peak that count as the same peak.
     """
     most = (len(next(iter(scores.values()))) - 1) // 2
     starts = [np.round(np.asarray(start)).astype(int)]

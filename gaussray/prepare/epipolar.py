@@ -21,12 +21,12 @@ class EpipolarPair:
     """Two pictures and how far their matches are from the epipolar lines.
 
     Args:
-        first: File of the first picture.
-        second: File of the second one.
-        count: Number of matches.
-        median: Median distance of the second picture's matches from the lines, in pixels.
-        points: Pixels of `LINES` matches in both pictures, and the timestamp of each.
-        lines: The line of each in the second picture; NaN separates its parts.
+        first: file of the first picture.
+        second: file of the second one.
+        count: number of matches.
+        median: median distance of the second picture's matches from the lines, in pixels.
+        points: pixels of `LINES` matches in both pictures, and the timestamp of each.
+        lines: the line of each in the second picture; NaN separates its parts.
     """
 
     first: str

@@ -27,10 +27,10 @@ class MatchingPicture:
     """A picture whose features are matched.
 
     Args:
-        file: Its file below the folder.
-        camera: Name of its camera.
-        instant: Index of its timestamp.
-        size: Columns and rows.
+        file: its file below the folder.
+        camera: name of its camera.
+        instant: index of its timestamp.
+        size: columns and rows.
     """
 
     file: str

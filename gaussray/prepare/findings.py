@@ -37,9 +37,9 @@ class Finding(NamedTuple):
 
     Args:
         level: `good`, `warn` or `refuse`.
-        subject: What it is about: sync, cameras, lens, points, epipolar lines, exposure.
-        text: What was found.
-        remedy: What to do about it; empty if nothing.
+        subject: what it is about: sync, cameras, lens, points, epipolar lines, exposure.
+        text: what was found.
+        remedy: what to do about it; empty if nothing.
     """
 
     level: str

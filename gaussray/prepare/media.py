@@ -22,9 +22,9 @@ def copy_media(sources: Sequence[Source], timeline: Timeline, out: Path) -> dict
     index frames by their number.
 
     Args:
-        sources: The cameras.
-        timeline: The frames that are used.
-        out: The capture's folder.
+        sources: the cameras.
+        timeline: the frames that are used.
+        out: the capture's folder.
 
     Returns:
         For each camera the file of each timestamp, which may be a frame of a video (`frame_path`).

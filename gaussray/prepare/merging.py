@@ -76,12 +76,12 @@ def merged_database(
     its first timestamp, and the pictures of the others as they are.
 
     Args:
-        source: Database with a picture for each camera and timestamp.
-        target: Database to write; its matches still have to be verified.
-        pictures: The pictures of `source`.
-        keypoints: Their keypoints, by file.
-        matches: Matches between files.
-        still: Names of the cameras that stand still.
+        source: database with a picture for each camera and timestamp.
+        target: database to write; its matches still have to be verified.
+        pictures: the pictures of `source`.
+        keypoints: their keypoints, by file.
+        matches: matches between files.
+        still: names of the cameras that stand still.
 
     Returns:
         The merged keypoints of each picture of `target`.

@@ -25,8 +25,8 @@ class NamedPictures(NamedTuple):
     """The pictures of a folder by the cameras that their names say.
 
     Args:
-        cameras: For each camera its pictures; all cameras have the same times, if `together`.
-        together: Nearly all pictures are at times that all cameras have. If not, the names say
+        cameras: for each camera its pictures; all cameras have the same times, if `together`.
+        together: nearly all pictures are at times that all cameras have. If not, the names say
             that there are several cameras, but not which pictures were taken at one time.
     """
 

@@ -21,10 +21,10 @@ class SyncOptions(eqx.Module):
         method: `sound` compares sound tracks, `motion` the changes between frames; `auto` is sound,
             and motion for videos that sound does not link with the others; `none` takes all videos
             to start together.
-        offsets: Known seconds by which each video starts after the first camera's clock, in the
+        offsets: known seconds by which each video starts after the first camera's clock, in the
             order of the names; empty to estimate them.
-        longest: Largest offset that is searched, in seconds.
-        trust: Least confidence, in 0..1, of an estimate that is used.
+        longest: largest offset that is searched, in seconds.
+        trust: least confidence, in 0..1, of an estimate that is used.
     """
 
     method: str = eqx.field(static=True, default="auto")
@@ -44,11 +44,11 @@ class FramesOptions(eqx.Module):
     """Which frames make the capture.
 
     Args:
-        rate: Timestamps per second; 0 is the lowest rate of the videos, or 30 for folders, and of
+        rate: timestamps per second; 0 is the lowest rate of the videos, or 30 for folders, and of
             one video alone each k-th frame, so that they are at most 200.
-        span: First and last second of the common time; empty is all that the cameras share.
-        readout: Seconds from the first to the last row of a rolling shutter; 0 is a global shutter.
-        instants: Timestamps whose pictures are matched to find poses of cameras that stand still.
+        span: first and last second of the common time; empty is all that the cameras share.
+        readout: seconds from the first to the last row of a rolling shutter; 0 is a global shutter.
+        instants: timestamps whose pictures are matched to find poses of cameras that stand still.
     """
 
     rate: float = eqx.field(static=True, default=0.0)
@@ -71,17 +71,17 @@ class PosesOptions(eqx.Module):
     """How poses, lenses and points are found.
 
     Args:
-        calibration: File or folder of a known calibration; empty to estimate poses and lenses.
-        model: Lens model that is estimated: `pinhole` (one focal length), `radial` (and one
+        calibration: file or folder of a known calibration; empty to estimate poses and lenses.
+        model: lens model that is estimated: `pinhole` (one focal length), `radial` (and one
             coefficient), `opencv` (two focal lengths, four coefficients) or `opencv_fisheye`.
-        intrinsics: Whether the cameras have `shared` or `own` intrinsics; `auto` shares them
+        intrinsics: whether the cameras have `shared` or `own` intrinsics; `auto` shares them
             between cameras whose pictures have one size.
-        fov: Rough horizontal field of view in degrees to start from; 0 is unknown.
-        rig: Whether the cameras stand `still` or are `moving`; `auto` looks at the pictures.
-        features: Most SIFT features of a picture.
-        masks: Whether features are sought where masks are white alone: of an object that turns
+        fov: rough horizontal field of view in degrees to start from; 0 is unknown.
+        rig: whether the cameras stand `still` or are `moving`; `auto` looks at the pictures.
+        features: most SIFT features of a picture.
+        masks: whether features are sought where masks are white alone: of an object that turns
             before a background that stands still.
-        seed: Seed of the random samples.
+        seed: seed of the random samples.
     """
 
     calibration: str = eqx.field(static=True, default="")

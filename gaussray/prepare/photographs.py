@@ -55,8 +55,8 @@ def copied_photograph(source: Path, folder: Path) -> Path:
     its source is kept.
 
     Args:
-        source: The photograph.
-        folder: Folder of the copy.
+        source: the photograph.
+        folder: folder of the copy.
 
     Returns:
         The path of the copy.
@@ -88,8 +88,8 @@ def copy_changed(source: Path, target: Path) -> None:
     """Copy a file unless the target is the same already.
 
     Args:
-        source: The file.
-        target: Its copy.
+        source: the file.
+        target: its copy.
     """
     if not (_is_of(target, source) and target.stat().st_size == source.stat().st_size):
         with atomic_path(target) as partial:

@@ -41,10 +41,10 @@ def prepare_capture(
     """Make a capture of videos, or of folders of pictures.
 
     Args:
-        videos: Folder with a video, or a folder of pictures, for each camera.
-        out: Folder of the capture: transforms.json, points3d.ply, the frames, and prepare.json
+        videos: folder with a video, or a folder of pictures, for each camera.
+        out: folder of the capture: transforms.json, points3d.ply, the frames, and prepare.json
             with what the checks found.
-        options: How clocks, frames and poses are found.
+        options: how clocks, frames and poses are found.
 
     Returns:
         The content of prepare.json.

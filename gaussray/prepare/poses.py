@@ -34,13 +34,13 @@ class Placement:
     """What matching and mapping have found.
 
     Args:
-        model: Poses, lenses and points of the registered pictures.
-        pictures: Camera and timestamp of every picture that was matched, by file. Of a camera that
+        model: poses, lenses and points of the registered pictures.
+        pictures: camera and timestamp of every picture that was matched, by file. Of a camera that
             stands still it is the first timestamp; `keypoints` say which feature is of which.
-        keypoints: Keypoints by file.
-        matches: Verified matches by pair of files.
-        still: Names of the cameras that stand still.
-        known: Poses and lenses come from a calibration.
+        keypoints: keypoints by file.
+        matches: verified matches by pair of files.
+        still: names of the cameras that stand still.
+        known: poses and lenses come from a calibration.
     """
 
     model: SparseModel
@@ -65,12 +65,12 @@ def find_poses(
     cameras have a pose for each timestamp. Both may be in one capture.
 
     Args:
-        sources: The cameras.
-        timeline: The capture's timestamps.
-        files: For each camera the file of each timestamp.
-        known: Calibrated cameras, None to estimate them.
-        work: Folder for pictures and databases of COLMAP.
-        options: Options of the frames and of the poses.
+        sources: the cameras.
+        timeline: the capture's timestamps.
+        files: for each camera the file of each timestamp.
+        known: calibrated cameras, None to estimate them.
+        work: folder for pictures and databases of COLMAP.
+        options: options of the frames and of the poses.
 
     Raises:
         PrepareError: The pictures do not share enough, or demand what they cannot have.

@@ -36,13 +36,13 @@ class Source:
     """One camera of the input.
 
     Args:
-        name: Name of the camera: that of its video or folder.
-        path: The video or the folder.
-        pictures: The files of a folder in natural order; empty for a video.
-        times: Seconds of each frame on the camera's own clock; empty for pictures, which have none.
-        sizes: Columns and rows of each upright picture; of a video, whose frames have one size,
+        name: name of the camera: that of its video or folder.
+        path: the video or the folder.
+        pictures: the files of a folder in natural order; empty for a video.
+        times: seconds of each frame on the camera's own clock; empty for pictures, which have none.
+        sizes: columns and rows of each upright picture; of a video, whose frames have one size,
             a single pair.
-        has_sound: The video has a sound track.
+        has_sound: the video has a sound track.
     """
 
     name: str

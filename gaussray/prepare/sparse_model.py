@@ -21,11 +21,11 @@ class Observations:
     """Where points are seen: for each observation its point, picture, keypoint, pixel and error.
 
     Args:
-        point: Index of the point.
-        picture: Index into `SparseModel.pictures`.
-        keypoint: Index of the picture's keypoint.
-        xy: Pixel of the keypoint (centres at 0.5).
-        error: Distance in pixels from the projection of the point.
+        point: index of the point.
+        picture: index into `SparseModel.pictures`.
+        keypoint: index of the picture's keypoint.
+        xy: pixel of the keypoint (centres at 0.5).
+        error: distance in pixels from the projection of the point.
     """
 
     point: Int[np.ndarray, " n"]
@@ -40,12 +40,12 @@ class SparseModel:
     """Poses, lenses and points.
 
     Args:
-        pictures: Files of the registered pictures.
-        poses: World to camera [3, 4] of each, OpenCV axes.
-        lenses: Lens of each, keys of a capture's JSON.
-        points: Points in world space.
-        observations: Where they are seen.
-        focal_source: What tells the focal lengths: a `calibration`, the `pictures`, what was
+        pictures: files of the registered pictures.
+        poses: world to camera [3, 4] of each, OpenCV axes.
+        lenses: lens of each, keys of a capture's JSON.
+        points: points in world space.
+        observations: where they are seen.
+        focal_source: what tells the focal lengths: a `calibration`, the `pictures`, what was
             `expected` before (`poses.fov`, EXIF), or nothing: a `guess`.
     """
 

@@ -32,10 +32,10 @@ class Sync:
     """Seconds to be added to each camera's clock to get the common time.
 
     Args:
-        method: How the offsets were found: sound, motion, sound and motion, known or none.
-        offsets: Seconds by camera; 0 for the first one.
-        confidence: In 0..1 by camera, of the best comparison with another one.
-        disagreement: Largest difference in seconds between a pair's delay and the offsets, by
+        method: how the offsets were found: sound, motion, sound and motion, known or none.
+        offsets: seconds by camera; 0 for the first one.
+        confidence: in 0..1 by camera, of the best comparison with another one.
+        disagreement: largest difference in seconds between a pair's delay and the offsets, by
             camera, over the comparisons that were used.
     """
 

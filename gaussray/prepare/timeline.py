@@ -25,10 +25,10 @@ class Timeline:
     """Timestamps and frames of a capture.
 
     Args:
-        rate: Timestamps per second; 0 for photographs, which have no time.
-        times: Seconds from the first timestamp on.
-        frames: Index of the frame of each camera at each timestamp.
-        shifts: Seconds by which that frame was exposed after its timestamp.
+        rate: timestamps per second; 0 for photographs, which have no time.
+        times: seconds from the first timestamp on.
+        frames: index of the frame of each camera at each timestamp.
+        shifts: seconds by which that frame was exposed after its timestamp.
     """
 
     rate: float

@@ -171,15 +171,15 @@ class ReconstructOptions(eqx.Module):
     """All options of `reconstruct`, one class per config group.
 
     Args:
-        fit: Steps, tiles, starting points and the model of motion.
-        track: The search of the poses of rigid bodies.
-        field: Sizes of the deformation field.
-        loss: Weights of the terms of the loss.
-        optimizer: Learning rates.
-        density: How the number and the places of the Gaussians change.
-        trace: How the rays of a step are traced.
-        prune: What is removed after the last step.
-        explicit_keys: Full names of keys (`fit.degree`) that fit=auto leaves as they are although
+        fit: steps, tiles, starting points and the model of motion.
+        track: the search of the poses of rigid bodies.
+        field: sizes of the deformation field.
+        loss: weights of the terms of the loss.
+        optimizer: learning rates.
+        density: how the number and the places of the Gaussians change.
+        trace: how the rays of a step are traced.
+        prune: what is removed after the last step.
+        explicit_keys: full names of keys (`fit.degree`) that fit=auto leaves as they are although
             they have their default; all that differ from it stay in any case. The command line
             fills it.
     """

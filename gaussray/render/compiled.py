@@ -33,12 +33,12 @@ class ProgramSettings(eqx.Module):
     """Static settings of a program.
 
     Args:
-        capacity: List sizes of the tracer.
-        keys: Number of key states; 0 is one, at the time of the part's row.
-        options: How the picture is sampled.
-        trace: Options of the tracer.
-        mesh: Devices that share the rays; None is one device.
-        quick: Whether programs are compiled in half the time, and may run a tenth slower.
+        capacity: list sizes of the tracer.
+        keys: number of key states; 0 is one, at the time of the part's row.
+        options: how the picture is sampled.
+        trace: options of the tracer.
+        mesh: devices that share the rays; None is one device.
+        quick: whether programs are compiled in half the time, and may run a tenth slower.
     """
 
     capacity: Capacity
@@ -58,9 +58,9 @@ def render_part(
     It is cached, so that a frame costs the host little.
 
     Args:
-        structure: Structure of the scene.
-        layout: Layout of the camera's row of numbers.
-        settings: Static settings.
+        structure: structure of the scene.
+        layout: layout of the camera's row of numbers.
+        settings: static settings.
 
     Returns:
         A function of (leaves of the scene, row of the camera, part): red, green, blue, coverage and
@@ -83,9 +83,9 @@ def render_frames(
     """`render_part` for several frames: each device renders the frame of one camera.
 
     Args:
-        structure: Structure of the scene.
-        layout: Layout of the camera's row of numbers; each device has a row.
-        settings: Static settings.
+        structure: structure of the scene.
+        layout: layout of the camera's row of numbers; each device has a row.
+        settings: static settings.
     """
     return _on_each(structure, layout, settings, of_each=("row",))
 
@@ -99,9 +99,9 @@ def render_pieces(
     No device waits for another, so that programs may share the devices.
 
     Args:
-        structure: Structure of the scene.
-        layout: Layout of the camera's row of numbers.
-        settings: Static settings.
+        structure: structure of the scene.
+        layout: layout of the camera's row of numbers.
+        settings: static settings.
     """
     return _on_each(structure, layout, settings, of_each=("part",))
 
@@ -150,12 +150,12 @@ def part_values(
     Pure and differentiable in the scene, the camera and the key times.
 
     Args:
-        scene: The scene.
-        camera: The camera.
-        u: The samples of every pixel (`camera.camera_ray`).
-        part: The pixels.
-        settings: List sizes, key states, options and devices.
-        key_time: Times of the key states of the scene; None spreads them over the frame's times.
+        scene: the scene.
+        camera: the camera.
+        u: the samples of every pixel (`camera.camera_ray`).
+        part: the pixels.
+        settings: list sizes, key states, options and devices.
+        key_time: times of the key states of the scene; None spreads them over the frame's times.
     """
     if key_time is None:
         key_time = key_times(camera, part, settings.keys)
@@ -179,8 +179,8 @@ def picture_values(
     """Red, green, blue, coverage and mean distance of pixels.
 
     Args:
-        pixels: Means of the samples, with a leading axis: one for all colours, or one for each.
-        weight: Mean weights of the rays, which have multiplied the samples; None is 1.
+        pixels: means of the samples, with a leading axis: one for all colours, or one for each.
+        weight: mean weights of the rays, which have multiplied the samples; None is 1.
     """
     if weight is not None:
         pixels = _unweight(pixels, weight)
@@ -238,8 +238,8 @@ def apply_weight(pixels: Pixels, weight: Float[Array, "*rays"]) -> Pixels:
     """Multiply traced rays by their weights.
 
     Args:
-        pixels: Traced rays.
-        weight: Weight of each ray.
+        pixels: traced rays.
+        weight: weight of each ray.
     """
     return jax.tree.map(lambda x: x * _broadcast_weight(weight, x), pixels)
 
@@ -303,10 +303,10 @@ def prepare_trace(
     """Motion and rays of the samples that are traced at once, for `measure`.
 
     Args:
-        scene: The scene.
-        camera: The camera.
-        part: The pixels.
-        settings: Key states and options.
+        scene: the scene.
+        camera: the camera.
+        part: the pixels.
+        settings: key states and options.
     """
     count = samples_at_once(settings.options, settings.trace)
     u = sample_points(part, settings.options.samples)

@@ -64,14 +64,14 @@ def render_dataset(
     are there.
 
     Args:
-        renderer: Renders the scene. Its options become part of the dataset's inputs.
-        records: The frames: camera, and path of the picture (.png or .exr) from `out`.
-        out: Folder for everything that is written.
-        options: Sensor, labels, frame rate of the videos, and facts for the manifests.
-        quiet: Whether to report no progress.
-        on_start: Called once before the first file of the dataset is written, when it is known that
+        renderer: renders the scene. Its options become part of the dataset's inputs.
+        records: the frames: camera, and path of the picture (.png or .exr) from `out`.
+        out: folder for everything that is written.
+        options: sensor, labels, frame rate of the videos, and facts for the manifests.
+        quiet: whether to report no progress.
+        on_start: called once before the first file of the dataset is written, when it is known that
             the folder holds no other one.
-        on_picture: Called with the record of every picture that this call has written.
+        on_picture: called with the record of every picture that this call has written.
 
     Returns:
         The folder.
@@ -130,9 +130,9 @@ def check_dataset(
     """Check that labels and sensor are possible for frames.
 
     Args:
-        scene: The scene.
-        records: The frames.
-        options: Labels and sensor.
+        scene: the scene.
+        records: the frames.
+        options: labels and sensor.
 
     Raises:
         ValueError: They are not; the message names the key.

@@ -51,10 +51,10 @@ def claim_folder(
     """Record the inputs of a dataset in its folder, as the SHA-256 of scene, cameras and settings.
 
     Args:
-        out: The folder.
-        scene: The scene.
-        records: The frames.
-        settings: Further settings that the pictures depend on.
+        out: the folder.
+        scene: the scene.
+        records: the frames.
+        settings: further settings that the pictures depend on.
 
     Raises:
         ValueError: The folder records other inputs, so its pictures are of something else.
@@ -84,8 +84,8 @@ def require_files(out: Path, records: Sequence[FrameRecord]) -> None:
     Files of other hosts may appear late in a shared folder, and are waited for.
 
     Args:
-        out: Folder of the dataset.
-        records: The frames.
+        out: folder of the dataset.
+        records: the frames.
 
     Raises:
         OSError: A file is missing.
@@ -107,8 +107,8 @@ def picture_entry(out: Path, record: FrameRecord) -> ManifestEntry:
     """The entry in a manifest of a picture that is written.
 
     Args:
-        out: Folder of the dataset.
-        record: The frame.
+        out: folder of the dataset.
+        record: the frame.
     """
     return manifest_entry(_with_samples(out, record))
 
@@ -122,10 +122,10 @@ def write_manifests(
     """Write one manifest per effect, with sensor, labels and `info`.
 
     Args:
-        out: Folder of the dataset.
-        records: The frames.
-        options: Sensor, labels and info.
-        entries: Entries of pictures that have been made already, by file.
+        out: folder of the dataset.
+        records: the frames.
+        options: sensor, labels and info.
+        entries: entries of pictures that have been made already, by file.
     """
     entries = {r.file_path: entries.get(r.file_path) or picture_entry(out, r) for r in records}
     for effect in dict.fromkeys(record.effect for record in records):
@@ -147,9 +147,9 @@ def write_sample_count(picture: Path, samples: int, error: Float[np.ndarray, "h 
     """Write the rays per pixel that `render.error` needed, beside a picture.
 
     Args:
-        picture: The picture.
-        samples: Rays per pixel.
-        error: Standard error of each pixel.
+        picture: the picture.
+        samples: rays per pixel.
+        error: standard error of each pixel.
     """
     values = {"samples": samples, "error": float(np.quantile(error, SHARE))}
     with atomic_path(picture.with_suffix(".json")) as partial:
@@ -179,10 +179,10 @@ class Videos:
     memory has no room, are read from the pictures in the folder.
 
     Args:
-        out: Folder of the dataset.
-        records: All frames.
-        fps: Frames per second.
-        rendered: The frames that `add` will bring, in the order of `records`.
+        out: folder of the dataset.
+        records: all frames.
+        fps: frames per second.
+        rendered: the frames that `add` will bring, in the order of `records`.
     """
 
     def __init__(
@@ -217,8 +217,8 @@ class Videos:
         """Take the next frame, whose picture is written.
 
         Args:
-            record: The frame.
-            stored: The values of its picture.
+            record: the frame.
+            stored: the values of its picture.
         """
         name = video_name(record)
         if record.file_path in self._rendered and len(self._frames[name]) > 1:

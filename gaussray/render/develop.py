@@ -34,8 +34,8 @@ def sensor_of(record: FrameRecord, sensor: SensorOptions) -> SensorOptions:
     """The sensor of a picture; none for the ground truth without effects (label `sharp`).
 
     Args:
-        record: The frame.
-        sensor: The sensor of all other frames.
+        record: the frame.
+        sensor: the sensor of all other frames.
     """
     return NO_SENSOR if record.effect == SHARP else sensor
 
@@ -54,8 +54,8 @@ class DevelopedPicture(NamedTuple):
 
     Args:
         values: 8-bit levels of a PNG; linear light of an EXR, in half or single precision.
-        unfit: How many values of the light are not finite.
-        largest: The largest finite magnitude of the light.
+        unfit: how many values of the light are not finite.
+        largest: the largest finite magnitude of the light.
     """
 
     values: Shaped[Array | np.ndarray, "h w 3"]
@@ -69,9 +69,9 @@ def develop_picture(
     """Develop a picture by the sensor for its file, on the device of its values.
 
     Args:
-        record: The frame.
-        values: Pixels in rows, of any shape; linear light first, other values are ignored.
-        sensor: The sensor.
+        record: the frame.
+        values: pixels in rows, of any shape; linear light first, other values are ignored.
+        sensor: the sensor.
     """
     film = record.camera.film
     size = film.height, film.width
@@ -87,8 +87,8 @@ def write_picture(path: Path, picture: DevelopedPicture) -> None:
     """Write a developed picture.
 
     Args:
-        path: The file, `.png` or `.exr`.
-        picture: The picture, on the host.
+        path: the file, `.png` or `.exr`.
+        picture: the picture, on the host.
 
     Raises:
         ValueError: The format cannot hold the light.
@@ -110,9 +110,9 @@ def picture_levels(
     """The 8-bit levels that a PNG stores.
 
     Args:
-        record: The frame.
-        light: Linear light, which may be of another size than the frame.
-        sensor: The sensor.
+        record: the frame.
+        light: linear light, which may be of another size than the frame.
+        sensor: the sensor.
 
     Raises:
         ValueError: A value is not finite.
@@ -171,9 +171,9 @@ def sensor_values(
     format.
 
     Args:
-        record: The frame.
-        light: Linear light.
-        sensor: The sensor.
+        record: the frame.
+        light: linear light.
+        sensor: the sensor.
     """
     key = picture_key(sensor.seed, str(Path(record.file_path).with_suffix("")))
     # Cameras of every kind share the program of a sensor that does not ask for them.

@@ -20,14 +20,14 @@ class Frame(eqx.Module):
     """A rendered frame, on the host.
 
     Args:
-        color: Linear light; 1 is white.
-        alpha: Coverage, 1 - transmittance.
-        depth: Mean distance along the ray, in scene units.
-        seconds: Time that the frame took.
-        hits: Hits of all rays.
-        compiled: Whether a program was compiled for it.
-        samples: Rays per pixel.
-        error: With `render.error`, the standard error of each pixel's colour, the largest of three
+        color: linear light; 1 is white.
+        alpha: coverage, 1 - transmittance.
+        depth: mean distance along the ray, in scene units.
+        seconds: time that the frame took.
+        hits: hits of all rays.
+        compiled: whether a program was compiled for it.
+        samples: rays per pixel.
+        error: with `render.error`, the standard error of each pixel's colour, the largest of three
             channels.
     """
 
@@ -45,9 +45,9 @@ class DevelopedFrame(NamedTuple):
     """A frame that was developed on its device.
 
     Args:
-        values: What its development returned, on the host.
-        samples: Rays per pixel.
-        error: As in `Frame`.
+        values: what its development returned, on the host.
+        samples: rays per pixel.
+        error: as in `Frame`.
     """
 
     values: Any
@@ -78,7 +78,7 @@ def mean_until_error(batches: Iterator[Frame], options: RenderOptions) -> Frame:
     Running means, and sums of squares about them (Welford 1962).
 
     Args:
-        batches: Frames of the batches.
+        batches: frames of the batches.
         options: `error`, `samples` and `samples_most`.
     """
     most = options.samples_most // options.samples
@@ -107,8 +107,8 @@ def join_rows(film: Film, pieces: Sequence[tuple[int, np.ndarray]]) -> np.ndarra
     """Assemble a picture from strips of rows, which may overlap.
 
     Args:
-        film: Size of the picture.
-        pieces: First row and values of each strip.
+        film: size of the picture.
+        pieces: first row and values of each strip.
     """
     if len(pieces) == 1:
         return pieces[0][1]

@@ -23,9 +23,9 @@ class PlacedPart(NamedTuple):
     """A part of a picture on the devices.
 
     Args:
-        part: The pixels.
-        trace: Options of the tracer.
-        slots: Place of each pixel among the slots of all devices; None if every device has whole
+        part: the pixels.
+        trace: options of the tracer.
+        slots: place of each pixel among the slots of all devices; None if every device has whole
             pictures.
     """
 
@@ -38,10 +38,10 @@ class TracedPart(NamedTuple):
     """A part that is being rendered.
 
     Args:
-        top: Its first row.
-        place: The part on the devices.
-        values: Values of its pixels.
-        report: The trace's report.
+        top: its first row.
+        place: the part on the devices.
+        values: values of its pixels.
+        report: the trace's report.
     """
 
     top: int
@@ -87,9 +87,9 @@ def fetch_pictures(values: Array, place: PlacedPart, count: int) -> list[np.ndar
     """Fetch the frames of a batch, one from each device, without a further copy.
 
     Args:
-        values: Values on the devices.
-        place: The part on the devices.
-        count: Number of frames.
+        values: values on the devices.
+        place: the part on the devices.
+        count: number of frames.
     """
     if values.ndim == 2:
         return [np.asarray(values)]
@@ -102,8 +102,8 @@ def develop_frames(batch: FrameBatch, develop: Sequence[Callable[[Array], Any]])
     """Begin to develop the frames of a batch on their devices, right behind their programs.
 
     Args:
-        batch: The batch, under way.
-        develop: What turns the values of each frame into arrays.
+        batch: the batch, under way.
+        develop: what turns the values of each frame into arrays.
 
     Returns:
         The arrays of each frame, under way; nothing if a device has only parts of a frame.

@@ -13,8 +13,8 @@ def frame_span(camera: Camera, part: Part) -> Float[Array, "2"]:
     """First and last time of the rays of a frame, in the capture's unit.
 
     Args:
-        camera: The camera.
-        part: The pixels, with the segment that they show.
+        camera: the camera.
+        part: the pixels, with the segment that they show.
     """
     time = _extreme_times(camera, part)
     return jnp.stack([jnp.min(time), jnp.max(time)])
@@ -24,9 +24,9 @@ def key_times(camera: Camera, part: Part, keys: int) -> Float[Array, " keys"]:
     """Times of the key states of a frame, in the capture's unit.
 
     Args:
-        camera: The camera.
-        part: The pixels.
-        keys: Number of key states; 0 is one, at the time of the part's row.
+        camera: the camera.
+        part: the pixels.
+        keys: number of key states; 0 is one, at the time of the part's row.
     """
     if not keys:
         place = jnp.stack([jnp.zeros_like(part.row), part.row])
@@ -39,8 +39,8 @@ def even_key_times(span: Float[Array, "2"], keys: int) -> Float[Array, " keys"]:
     """Key times at even intervals.
 
     Args:
-        span: First and last time of a frame.
-        keys: Number of key times; a single one is the middle.
+        span: first and last time of a frame.
+        keys: number of key times; a single one is the middle.
     """
     if keys == 1:
         return jnp.mean(span, keepdims=True)

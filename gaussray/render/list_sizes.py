@@ -14,10 +14,10 @@ def default_capacity(part: Part, trace: TraceOptions, scene: Scene, dtype: DType
     """List sizes to start from.
 
     Args:
-        part: The pixels, with a leading axis of devices.
-        trace: Options of the tracer.
-        scene: The scene that it traces.
-        dtype: Precision of the rays.
+        part: the pixels, with a leading axis of devices.
+        trace: options of the tracer.
+        scene: the scene that it traces.
+        dtype: precision of the rays.
     """
     bundles = -(-part.pixel.shape[-2] // trace.bundle**2)
     transient = 0 if scene.transient is None else scene.transient.count
@@ -30,7 +30,7 @@ def enlarge_staged_capacity(capacity: Capacity, needed: list[int]) -> Capacity:
     """Enlarge list sizes; they are powers of two, so that few sets of programs serve all cameras.
 
     Args:
-        capacity, needed: The sizes, and those that a trace needs (`Report.needed`).
+        capacity, needed: the sizes, and those that a trace needs (`Report.needed`).
     """
     return round_capacity(enlarged_capacity(capacity, needed))
 

@@ -36,11 +36,11 @@ class Part(eqx.Module):
     """The pixels that are traced at once. Parts of several devices may be stacked.
 
     Args:
-        pixel: Indices (column, row) in the order of the ray bundles; padding repeats a pixel.
-        slot: Place of each pixel in that order.
-        row: Row whose time a chunk of rows uses.
-        share: The rays of one segment, where several segments of a clip show a frame; None is all.
-        batch: Number of a batch of samples; None if there is only one.
+        pixel: indices (column, row) in the order of the ray bundles; padding repeats a pixel.
+        slot: place of each pixel in that order.
+        row: row whose time a chunk of rows uses.
+        share: the rays of one segment, where several segments of a clip show a frame; None is all.
+        batch: number of a batch of samples; None if there is only one.
     """
 
     pixel: Float[Array, "*devices slots 2"]
@@ -56,8 +56,8 @@ def whole_picture(film: Film, trace: TraceOptions) -> tuple[Part, TraceOptions]:
     A small picture needs no coarser bundles.
 
     Args:
-        film: Size of the picture.
-        trace: Options of the tracer.
+        film: size of the picture.
+        trace: options of the tracer.
     """
     order = morton_tiles(film.width, film.height, trace.bundle, trace.levels)
     return pixels_part(film, order, trace)
@@ -67,8 +67,8 @@ def samples_at_once(options: RenderOptions, trace: TraceOptions) -> int:
     """Number of samples of a pixel that are traced at once.
 
     Args:
-        options: How the picture is sampled.
-        trace: Options of the tracer.
+        options: how the picture is sampled.
+        trace: options of the tracer.
     """
     return math.gcd(options.samples, _SAMPLES_AT_ONCE) if on_kernel(trace, jnp.float32) else 1
 
@@ -79,9 +79,9 @@ def strip_rows(film: Film, options: RenderOptions, trace: TraceOptions) -> int:
     These are all rows, or as many whole tiles as `render.memory` allows, at least one.
 
     Args:
-        film: Size of the picture.
-        options: How the picture is sampled.
-        trace: Options of the tracer.
+        film: size of the picture.
+        options: how the picture is sampled.
+        trace: options of the tracer.
     """
     ray, group = (
         RAY_OF_KERNEL if on_kernel(trace, jnp.float32) else RAY,
@@ -104,10 +104,10 @@ def strip_plan(
     The more Gaussians there are, the more coarser levels of bundles.
 
     Args:
-        film: Size of the picture.
-        options: How the picture is sampled.
-        trace: Options of the tracer.
-        gaussians: Number of Gaussians.
+        film: size of the picture.
+        options: how the picture is sampled.
+        trace: options of the tracer.
+        gaussians: number of Gaussians.
     """
     rows = strip_rows(film, options, trace)
     levels, deepest, each, most = trace.levels, 4, -(-gaussians // OCCUPANCY), _TESTS
@@ -133,8 +133,8 @@ def strip_tops(height: int, rows: int) -> list[int]:
     """First rows of the strips of a picture; the last one may overlap the one before.
 
     Args:
-        height: Rows of the picture.
-        rows: Rows of a strip.
+        height: rows of the picture.
+        rows: rows of a strip.
     """
     return [min(y, height - rows) for y in range(0, height, rows)]
 
@@ -143,10 +143,10 @@ def strip_part(film: Film, rows: int, trace: TraceOptions, top: int) -> tuple[Pa
     """A strip of rows as a part, and its trace options.
 
     Args:
-        film: Size of the picture.
-        rows: Number of rows.
-        trace: Options of the tracer.
-        top: First row.
+        film: size of the picture.
+        rows: number of rows.
+        trace: options of the tracer.
+        top: first row.
     """
     order = morton_tiles(film.width, rows, trace.bundle, trace.levels)
     return pixels_part(film, np.where(order < 0, order, order + top * film.width), trace, top)
@@ -158,11 +158,11 @@ def interleaved_parts(
     """A strip of rows as one part per device, of interleaved blocks of tiles, for even work.
 
     Args:
-        film: Size of the picture.
-        trace: Options of the tracer.
-        devices: Number of devices.
-        rows: Number of rows; 0 is the whole picture.
-        top: First row.
+        film: size of the picture.
+        trace: options of the tracer.
+        devices: number of devices.
+        rows: number of rows; 0 is the whole picture.
+        top: first row.
 
     Returns:
         The stacked parts, the trace options, and the place of each pixel among the slots of all
@@ -185,11 +185,11 @@ def pixels_part(
     """Pixels in the order of ray bundles as a part, and its trace options.
 
     Args:
-        film: Size of the picture.
-        order: Row-major indices of the pixels of whole rows; -1 is padding, which repeats the pixel
+        film: size of the picture.
+        order: row-major indices of the pixels of whole rows; -1 is padding, which repeats the pixel
             before it.
-        trace: Options of the tracer.
-        top: First row.
+        trace: options of the tracer.
+        top: first row.
     """
     if len(order) < trace.bundle**2 * 256:
         trace = dataclasses.replace(trace, levels=0)

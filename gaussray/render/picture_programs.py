@@ -50,9 +50,9 @@ class SampleSums(eqx.Module):
     """Sums over samples.
 
     Args:
-        pixels: Traced rays by lens (one, or one per colour channel), times the weights of the rays.
-        weight: Weights of the rays; None is 1.
-        report: The trace's report.
+        pixels: traced rays by lens (one, or one per colour channel), times the weights of the rays.
+        weight: weights of the rays; None is 1.
+        report: the trace's report.
     """
 
     pixels: Pixels
@@ -79,10 +79,10 @@ def render_staged(
     """Render a part on every device: red, green, blue, coverage and mean distance, and a report.
 
     Args:
-        structure: Structure of the scene.
-        layout: Layout of the camera's numbers.
-        settings: List sizes, key states, options and devices.
-        arguments: Leaves of the scene, numbers of the camera and part of the picture.
+        structure: structure of the scene.
+        layout: layout of the camera's numbers.
+        settings: list sizes, key states, options and devices.
+        arguments: leaves of the scene, numbers of the camera and part of the picture.
     """
     stages = _PicturePrograms(structure, layout, settings)
     leaves, row, part = arguments
@@ -105,7 +105,7 @@ def measure_staged(
     """Measure the list sizes that the first sample of a part needs.
 
     Args:
-        structure, layout, settings, arguments: As for `render_staged`; list sizes grow from these.
+        structure, layout, settings, arguments: as for `render_staged`; list sizes grow from these.
     """
     leaves, row, part = arguments
     while True:
@@ -278,11 +278,11 @@ def on_devices(
     """Compile a function that every device of a mesh runs on its own arguments.
 
     Args:
-        function, key: The function, and what it was made for.
-        mesh: The devices; None is one device.
-        common: Positions of arguments that all devices share; others have a leading axis of them.
-        quick: Whether it is compiled quickly; it may then run a tenth slower.
-        needs: As for `KeptProgram`.
+        function, key: the function, and what it was made for.
+        mesh: the devices; None is one device.
+        common: positions of arguments that all devices share; others have a leading axis of them.
+        quick: whether it is compiled quickly; it may then run a tenth slower.
+        needs: as for `KeptProgram`.
     """
     compiler = quick_compilation() if quick else None
     key = (function.__qualname__, *key, mesh)

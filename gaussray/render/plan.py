@@ -44,11 +44,11 @@ class Plan(eqx.Module):
     """Static sizes of a picture's program: it holds no arrays, and changing it recompiles.
 
     Args:
-        capacity: Sizes of the tracer's lists.
-        keys: Number of states of the scene across the times of the picture.
-        rows: Rows of the picture that are traced at once; 0 for rays.
-        options: How the picture is sampled.
-        trace: How rays are traced.
+        capacity: sizes of the tracer's lists.
+        keys: number of states of the scene across the times of the picture.
+        rows: rows of the picture that are traced at once; 0 for rays.
+        options: how the picture is sampled.
+        trace: how rays are traced.
     """
 
     capacity: Capacity
@@ -71,8 +71,8 @@ class Plan(eqx.Module):
         plan has not. With `RenderOptions.keys` it needs no more than these.
 
         Args:
-            scene: The scene.
-            span: First and last time of the picture's rays.
+            scene: the scene.
+            span: first and last time of the picture's rays.
         """
         if self.options.keys:
             return jnp.full((), self.keys), jnp.zeros((), jnp.int32)
@@ -104,10 +104,10 @@ def plan(
     needs more reports it (`Picture.dropped`).
 
     Args:
-        scene: The scene; a clip's segments are scenes.
-        camera: A camera or rays like those to come. Of numbers, outside of `jit` and `vmap`.
-        options: How a picture is sampled: `samples`, `keys`, `memory`, `dilation`, `harmonics`.
-        trace: How rays are traced.
+        scene: the scene; a clip's segments are scenes.
+        camera: a camera or rays like those to come. Of numbers, outside of `jit` and `vmap`.
+        options: how a picture is sampled: `samples`, `keys`, `memory`, `dilation`, `harmonics`.
+        trace: how rays are traced.
 
     Raises:
         ValueError: The scene is a clip, the arguments are traced, or the options ask for what only
@@ -131,8 +131,8 @@ def check_renderable(scene: Scene, options: RenderOptions) -> None:
     """Check that a scene and options can be rendered by one program.
 
     Args:
-        scene: The scene.
-        options: How the picture is sampled.
+        scene: the scene.
+        options: how the picture is sampled.
 
     Raises:
         ValueError: The scene is none or a clip, or the options need several programs.
@@ -187,9 +187,9 @@ def picture_motion(scene: Scene, span: Float[Array, "2"], keys: int) -> Motion:
     """The motion of a scene across the times of a picture.
 
     Args:
-        scene: The scene.
-        span: First and last time of the picture.
-        keys: Number of key states.
+        scene: the scene.
+        span: first and last time of the picture.
+        keys: number of key states.
     """
     return scene_motion(scene, picture_key_times(scene, span, keys), scene.time_range)
 
@@ -200,9 +200,9 @@ def picture_key_times(scene: Scene, span: Float[Array, "2"], keys: int) -> Float
     They span at least `LEAST_SPAN` of the scene's times, so that derivatives by a time exist.
 
     Args:
-        scene: The scene.
-        span: First and last time of the picture.
-        keys: Number of key states.
+        scene: the scene.
+        span: first and last time of the picture.
+        keys: number of key states.
     """
     if keys == 1:
         return jnp.mean(span, keepdims=True)
@@ -224,8 +224,8 @@ def shift_part(part: Part, top: Array | int) -> Part:
     """Shift the pixels of a part down.
 
     Args:
-        part: The pixels.
-        top: Number of rows.
+        part: the pixels.
+        top: number of rows.
     """
     shift = jnp.stack([jnp.zeros((), part.pixel.dtype), jnp.asarray(top, part.pixel.dtype)])
     return dataclasses.replace(part, pixel=part.pixel + shift[None], row=part.row + top)

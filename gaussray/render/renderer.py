@@ -73,10 +73,10 @@ class Renderer:
     sees the segment that shows its time; a frame across several segments is rendered once for each.
 
     Args:
-        scene: The scene.
-        options: How pictures are sampled; default `RenderOptions()`, 4 rays a pixel.
-        trace: How rays are traced; default `TraceOptions()`.
-        devices: Number of devices; None is all.
+        scene: the scene.
+        options: how pictures are sampled; default `RenderOptions()`, 4 rays a pixel.
+        trace: how rays are traced; default `TraceOptions()`.
+        devices: number of devices; None is all.
     """
 
     def __init__(
@@ -136,7 +136,7 @@ class Renderer:
         begun.
 
         Args:
-            cameras: The cameras.
+            cameras: the cameras.
 
         Yields:
             A frame for each camera, in order; `Frame.seconds` counts from its beginning.
@@ -157,8 +157,8 @@ class Renderer:
         """Render many frames as `film` does, and fetch of each only what its development returns.
 
         Args:
-            cameras: The cameras.
-            develop: From a frame's number, from 0, and its values on a device, [height, width,
+            cameras: the cameras.
+            develop: from a frame's number, from 0, and its values on a device, [height, width,
                 channels], of which the first three are linear light; a tree of arrays.
 
         Yields:

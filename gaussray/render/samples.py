@@ -17,8 +17,8 @@ def sample_points(part: Part, count: int) -> Float[Array, "samples 5"]:
     """Samples of every pixel: the same for all pictures, or those of the part's batch.
 
     Args:
-        part: The pixels.
-        count: Number of samples.
+        part: the pixels.
+        count: number of samples.
     """
     u = sobol_samples(count) if part.batch is None else shifted_samples(count, part.batch)
     return u.astype(part.pixel.dtype)
@@ -34,12 +34,12 @@ def sample_rays(
     """Rays of all samples of pixels.
 
     Args:
-        camera: The camera.
-        pixel: Indices (column, row) of the pixels.
-        u: The samples (`camera.camera_ray`).
-        mask: Samples and rows that this segment traces; the other rays get no direction. None is
+        camera: the camera.
+        pixel: indices (column, row) of the pixels.
+        u: the samples (`camera.camera_ray`).
+        mask: samples and rows that this segment traces; the other rays get no direction. None is
             all of them.
-        magnification: Of one colour channel; None is the lens itself.
+        magnification: of one colour channel; None is the lens itself.
     """
     size = camera.film.width, camera.film.height
 

@@ -22,8 +22,8 @@ class SegmentRays(eqx.Module):
     """The rays of a frame that one segment shows.
 
     Args:
-        mask: Samples and rows that it shows; rows in the order of readout.
-        span: First and last time of these rays, in the capture's unit.
+        mask: samples and rows that it shows; rows in the order of readout.
+        span: first and last time of these rays, in the capture's unit.
     """
 
     mask: Bool[Array, "samples rows"]
@@ -40,10 +40,10 @@ def segment_rays(
     a ray would be traced twice or not at all.
 
     Args:
-        camera: The camera, on the host.
-        edges: Times at which segments meet.
-        count: Number of samples.
-        batch: Batch of the samples (`sampling.shifted_samples`); None is `sobol_samples`.
+        camera: the camera, on the host.
+        edges: times at which segments meet.
+        count: number of samples.
+        batch: batch of the samples (`sampling.shifted_samples`); None is `sobol_samples`.
 
     Returns:
         Index and rays of each segment; None is all rays.

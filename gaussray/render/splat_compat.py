@@ -24,9 +24,9 @@ def dilate(gaussians: Gaussians, camera: Camera, variance: float) -> Gaussians:
     the axis. Opacities are unchanged, as in 3DGS.
 
     Args:
-        gaussians: The Gaussians; scales may have leading axes of times.
-        camera: The camera.
-        variance: In square pixels.
+        gaussians: the Gaussians; scales may have leading axes of times.
+        camera: the camera.
+        variance: in square pixels.
     """
     area = _pixel_area(gaussians.mean, camera)
     wider = jnp.sqrt(gaussians.scale**2 + variance * area[..., None])
@@ -40,9 +40,9 @@ def colors_from_center(
     centres, at the frame's own time.
 
     Args:
-        gaussians: The Gaussians.
-        camera: The camera.
-        mean: Centres of the Gaussians, in scene units.
+        gaussians: the Gaussians.
+        camera: the camera.
+        mean: centres of the Gaussians, in scene units.
     """
     eye = pose_at(camera.trajectory, camera.time).translation
     direction = jax.vmap(normalize)(mean - eye[None])

@@ -24,14 +24,14 @@ class FrameView(NamedTuple):
     """One frame of one segment of a scene.
 
     Args:
-        camera: The camera, on the host.
-        row: All numbers of the camera.
-        layout: Layout of the row.
-        keys: Number of key states; 0 is chunks of rows.
-        segment: The segment of the scene.
-        share: The rays that the segment shows; None is all of them.
-        last: Whether this is the frame's last segment.
-        number: The batch of samples; None is `sobol_samples`.
+        camera: the camera, on the host.
+        row: all numbers of the camera.
+        layout: layout of the row.
+        keys: number of key states; 0 is chunks of rows.
+        segment: the segment of the scene.
+        share: the rays that the segment shows; None is all of them.
+        last: whether this is the frame's last segment.
+        number: the batch of samples; None is `sobol_samples`.
     """
 
     camera: Camera
@@ -64,8 +64,8 @@ class FrameViews:
         """The views of frames: one for every segment that a frame shows.
 
         Args:
-            cameras: The cameras, which are fetched from the device many at a time.
-            number: The batch of samples; None is `sobol_samples`.
+            cameras: the cameras, which are fetched from the device many at a time.
+            number: the batch of samples; None is `sobol_samples`.
         """
         cameras = iter(cameras)
         while some := list(itertools.islice(cameras, _FETCHED)):
@@ -80,8 +80,8 @@ class FrameViews:
         """Group consecutive views that one program can render, at most one per device.
 
         Args:
-            views: The views.
-            devices: Number of devices.
+            views: the views.
+            devices: number of devices.
         """
         batch: list[FrameView] = []
         for view in views:

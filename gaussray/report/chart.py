@@ -39,10 +39,10 @@ def chart(
     """A chart of the curves.
 
     Args:
-        title: Heading.
-        curves: The series; one without finite points is left out.
-        x_label: Label of the x axis.
-        log: Whether the y axis is logarithmic.
+        title: heading.
+        curves: the series; one without finite points is left out.
+        x_label: label of the x axis.
+        log: whether the y axis is logarithmic.
         borders: (x, name) of vertical lines, such as the start of a stage.
 
     Returns:

@@ -24,8 +24,8 @@ def html_page(title: str, subtitle: str, sections: Sequence[Section | None]) -> 
     """The HTML of a page.
 
     Args:
-        title, subtitle: Heading of the page and the line below it.
-        sections: Parts of the page, in order; None and empty ones are left out.
+        title, subtitle: heading of the page and the line below it.
+        sections: parts of the page, in order; None and empty ones are left out.
     """
     visible = [section for section in sections if section is not None and any(section.body)]
     links = [tag("a", one.title, href=f"#part-{i}") for i, one in enumerate(visible)]
@@ -65,9 +65,9 @@ def html_table(heads: Sequence[str], rows: Sequence[Sequence[Any]], *, text: int
     """A table.
 
     Args:
-        heads: Heading of each column.
-        rows: Cells of each row.
-        text: Number of leading columns with words; the others hold figures, aligned right.
+        heads: heading of each column.
+        rows: cells of each row.
+        text: number of leading columns with words; the others hold figures, aligned right.
     """
 
     def cells(kind: str, row: Sequence[Any]) -> list[Markup]:

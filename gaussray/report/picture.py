@@ -52,7 +52,7 @@ def error_map(truth: np.ndarray, image: np.ndarray) -> UInt8[np.ndarray, "h w 3"
     """The mean absolute difference of the channels as a color map, 8-bit sRGB.
 
     Args:
-        truth, image: Pictures of equal size, 8-bit levels. Equal pixels are black; a difference of
+        truth, image: pictures of equal size, 8-bit levels. Equal pixels are black; a difference of
             FULL levels or more is light yellow.
     """
     difference = np.abs(truth.astype(np.float32) - image.astype(np.float32)).mean(axis=2)
@@ -77,9 +77,9 @@ def comparison_figure(
     """Truth and rendering with a slider between them, and the difference map.
 
     Args:
-        truth, image: Pictures of equal size, 8-bit sRGB.
-        caption: Parts of the caption.
-        most: Limit of the bytes of each picture.
+        truth, image: pictures of equal size, 8-bit sRGB.
+        caption: parts of the caption.
+        most: limit of the bytes of each picture.
     """
     height, width = truth.shape[:2]
     shape = f"aspect-ratio:{width}/{height}"
@@ -125,9 +125,9 @@ def picture_slider(frames: Sequence[tuple[str, np.ndarray]], name: str, *, most:
     """A sequence of pictures behind a slider, which shows one at a time.
 
     Args:
-        frames: Name and 8-bit sRGB levels of each picture, all of one size.
-        name: Name of the sequence.
-        most: Limit of the bytes of each picture.
+        frames: name and 8-bit sRGB levels of each picture, all of one size.
+        name: name of the sequence.
+        most: limit of the bytes of each picture.
     """
     height, width = frames[0][1].shape[:2]
     small = " small" if max(width, height) <= SMALL else ""

@@ -38,10 +38,10 @@ def write_page(
     """Write report.html into the output folder of a run.
 
     Args:
-        command: A subcommand of `TITLES`, such as `reconstruct`; `takes` is a generated dataset.
-        out: The run's output folder, with the files that the subcommand has written.
-        scene: The scene that was reconstructed or scored, for drawings and sample pictures.
-        capture: The capture that it was trained on or compared with.
+        command: a subcommand of `TITLES`, such as `reconstruct`; `takes` is a generated dataset.
+        out: the run's output folder, with the files that the subcommand has written.
+        scene: the scene that was reconstructed or scored, for drawings and sample pictures.
+        capture: the capture that it was trained on or compared with.
 
     Returns:
         The path of report.html.

@@ -44,8 +44,8 @@ def keep_machine_code(folder: Path, processor: str) -> None:
     """Keep programs in a folder from now on.
 
     Args:
-        folder: The folder. Who writes to it can run code in this process.
-        processor: The kind of processor, whose programs another kind does not load.
+        folder: the folder. Who writes to it can run code in this process.
+        processor: the kind of processor, whose programs another kind does not load.
     """
     _folders[:] = [(folder, processor)]
 
@@ -57,10 +57,10 @@ class KeptProgram:
     follows from these, the key, this package's source, and the versions and settings of JAX.
 
     Args:
-        function: A pure function of arrays in any structure.
-        key: Everything that the function depends on beside its arguments and the package's source.
-        compiler: Options of the compiler.
-        needs: Called before the program is read: it makes known to XLA what the program calls.
+        function: a pure function of arrays in any structure.
+        key: everything that the function depends on beside its arguments and the package's source.
+        compiler: options of the compiler.
+        needs: called before the program is read: it makes known to XLA what the program calls.
     """
 
     def __init__(
@@ -88,7 +88,7 @@ class KeptProgram:
         """Begin to read or to compile the program for such arguments: the first call waits for it.
 
         Args:
-            arguments: Arrays of one device, or what `expect` of other programs returned for theirs.
+            arguments: arrays of one device, or what `expect` of other programs returned for theirs.
 
         Returns:
             The results without their numbers; None if the program is not kept.

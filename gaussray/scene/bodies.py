@@ -31,11 +31,11 @@ class Bodies(eqx.Module):
     with the nearest pivot). Gaussians of no body do not move.
 
     Args:
-        pivot: Centre of rotation of each body, in scene units.
-        radius: Radius of each body, in scene units.
-        time: The timestamps.
-        path: Translation of each body at each timestamp, in scene units.
-        turn: Rotation about the pivot (w, x, y, z) at each timestamp, of any non-zero length.
+        pivot: centre of rotation of each body, in scene units.
+        radius: radius of each body, in scene units.
+        time: the timestamps.
+        path: translation of each body at each timestamp, in scene units.
+        turn: rotation about the pivot (w, x, y, z) at each timestamp, of any non-zero length.
     """
 
     pivot: Float[Array, "bodies 3"]
@@ -53,9 +53,9 @@ def bodies_at_rest(
     """Bodies whose poses are the identity at all timestamps.
 
     Args:
-        pivot: Centre of rotation of each body, in scene units.
-        radius: Radius of each body, in scene units.
-        time: The timestamps.
+        pivot: centre of rotation of each body, in scene units.
+        radius: radius of each body, in scene units.
+        time: the timestamps.
     """
     count, instants = pivot.shape[0], time.shape[0]
     turn = jnp.zeros((count, instants, 4), pivot.dtype).at[..., 0].set(1)
@@ -69,9 +69,9 @@ def extrapolate_bodies(bodies: Poses, earlier: float, later: float) -> Poses:
     There they move on at constant speed.
 
     Args:
-        bodies: The bodies; with a single timestamp they are returned as they are.
-        earlier: Time of the new first pose before the first timestamp; 0 adds none.
-        later: Time of the new last pose after the last timestamp; 0 adds none.
+        bodies: the bodies; with a single timestamp they are returned as they are.
+        earlier: time of the new first pose before the first timestamp; 0 adds none.
+        later: time of the new last pose after the last timestamp; 0 adds none.
     """
     values = bodies.time[None], bodies.path, bodies.turn
     if values[0].shape[1] < 2:
@@ -91,8 +91,8 @@ def body_of(bodies: Bodies, position: Float[Array, "gaussians 3"]) -> Int[Array,
     """Index of the body that holds each Gaussian, or the number of bodies where none does.
 
     Args:
-        bodies: The bodies.
-        position: Centres of the Gaussians, in scene units.
+        bodies: the bodies.
+        position: centres of the Gaussians, in scene units.
     """
     if not bodies.pivot.shape[0]:
         return jnp.zeros(position.shape[0], jnp.int32)
@@ -114,8 +114,8 @@ def body_pose_at(
     between timestamps, so that rows that are read there see the body on its way.
 
     Args:
-        bodies: The bodies.
-        time: In the capture's unit.
+        bodies: the bodies.
+        time: in the capture's unit.
     """
     return poses_at(bodies.time, bodies.path, bodies.turn, time)
 
@@ -130,10 +130,10 @@ def poses_at(
     """Translation and rotation at a time, from those at timestamps (`body_pose_at`).
 
     Args:
-        knots: The timestamps.
-        path: Translations at the timestamps, in scene units.
-        turn: Rotations at the timestamps (w, x, y, z), of any non-zero length.
-        time: In the capture's unit.
+        knots: the timestamps.
+        path: translations at the timestamps, in scene units.
+        turn: rotations at the timestamps (w, x, y, z), of any non-zero length.
+        time: in the capture's unit.
     """
     share = _pose_weights(knots, time)
     shift = product("t,btc->bc", share, path)

@@ -56,11 +56,11 @@ class Code(NamedTuple):
     """How an array was quantised.
 
     Args:
-        curve: Name of the curve, of `CURVES`.
-        exponent: Logarithm of the step to base 2.
-        difference: Axis along which neighbours were subtracted; None for none.
-        shape: Shape of the array.
-        dtype: Its type.
+        curve: name of the curve, of `CURVES`.
+        exponent: logarithm of the step to base 2.
+        difference: axis along which neighbours were subtracted; None for none.
+        shape: shape of the array.
+        dtype: its type.
     """
 
     curve: str
@@ -93,7 +93,7 @@ def compress_arrays(
     """Quantise the arrays of a scene.
 
     Args:
-        array: The arrays by name (`named_arrays`).
+        array: the arrays by name (`named_arrays`).
 
     Returns:
         The fields of the `Code` of each quantised array, by name; and all arrays, the quantised
@@ -130,9 +130,9 @@ def restore_arrays(
     """The inverse of `compress_arrays`.
 
     Args:
-        codes: The codes of quantised arrays, by name.
-        array: All arrays.
-        path: The file, for messages.
+        codes: the codes of quantised arrays, by name.
+        array: all arrays.
+        path: the file, for messages.
 
     Raises:
         ValueError: A code does not fit its bytes.

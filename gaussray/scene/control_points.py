@@ -18,11 +18,11 @@ class ControlPoints(eqx.Module):
     et al. 2024). Far from all, the nearest one decides.
 
     Args:
-        pivot: Place of each control point at rest, in scene units.
-        radius: Width of the weights of each, in scene units, above 0.
-        time: The times of the poses.
-        path: Translation of each control point at each of these times, in scene units.
-        turn: Rotation about the pivot (w, x, y, z) at each of these times, of any non-zero length;
+        pivot: place of each control point at rest, in scene units.
+        radius: width of the weights of each, in scene units, above 0.
+        time: the times of the poses.
+        path: translation of each control point at each of these times, in scene units.
+        turn: rotation about the pivot (w, x, y, z) at each of these times, of any non-zero length;
             those of neighbours are averaged, so they lie in one half of the unit sphere.
     """
 
@@ -40,8 +40,8 @@ def skinning_weights(
     """Weight of every control point for every Gaussian; those of a Gaussian sum to 1.
 
     Args:
-        points: The control points, at least one.
-        position: Centres of the Gaussians at rest, in scene units.
+        points: the control points, at least one.
+        position: centres of the Gaussians at rest, in scene units.
     """
     # From the middle of the points, so that the difference of squares keeps its digits.
     middle = jnp.mean(points.pivot, axis=0)[None]
@@ -61,9 +61,9 @@ def control_motion(
     (`bodies.poses_at`).
 
     Args:
-        points: The control points, at least one.
-        position: Centres of the Gaussians at rest, in scene units.
-        time: In the capture's unit.
+        points: the control points, at least one.
+        position: centres of the Gaussians at rest, in scene units.
+        time: in the capture's unit.
     """
     path, turn = poses_at(points.time, points.path, points.turn, time)
     rotation = rotation_matrix(turn)

@@ -29,10 +29,10 @@ class FieldOptions(eqx.Module):
     """Size of the deformation field (4D-GRT: planes 128 times 1, 2, 4, 8, width 128).
 
     Args:
-        sides: Resolutions of the spatial planes, one per scale.
-        instants: Rows of the time planes; 0 is one per timestamp of the capture.
-        channels: Features per scale.
-        width: Width of the network's layers.
+        sides: resolutions of the spatial planes, one per scale.
+        instants: rows of the time planes; 0 is one per timestamp of the capture.
+        channels: features per scale.
+        width: width of the network's layers.
 
     Raises:
         ValueError: A value is too small.
@@ -68,15 +68,15 @@ class Deformation(eqx.Module):
     a network.
 
     Args:
-        bodies: Rigid bodies, which move first.
-        planes: Feature planes over space and time.
-        trunk: The hidden layer of the network.
-        mean: Two-layer head of the translation; a head that is None adds nothing.
-        rotation: Head of the quaternion.
-        scale: Head of the log scale.
-        tint: Head of the logarithm of the colour.
-        light: Spherical harmonics of degree 2 of the light on a surface, by its normal.
-        control: Control points, with which all Gaussians move first, instead of with bodies; None
+        bodies: rigid bodies, which move first.
+        planes: feature planes over space and time.
+        trunk: the hidden layer of the network.
+        mean: two-layer head of the translation; a head that is None adds nothing.
+        rotation: head of the quaternion.
+        scale: head of the log scale.
+        tint: head of the logarithm of the colour.
+        light: spherical harmonics of degree 2 of the light on a surface, by its normal.
+        control: control points, with which all Gaussians move first, instead of with bodies; None
             if bodies do.
     """
 
@@ -108,8 +108,8 @@ def head_output(
     """Output of a head.
 
     Args:
-        head: The two layers.
-        hidden: Features of the trunk.
+        head: the two layers.
+        hidden: features of the trunk.
     """
     first, last = head
     return last(jax.nn.relu(first(jax.nn.relu(hidden))))
@@ -126,11 +126,11 @@ def initial_deformation(
     """A deformation field that is the identity: Xavier's uniform weights, last layers zero.
 
     Args:
-        key: Random key of the weights.
-        planes: The feature planes.
-        bodies: The rigid bodies.
-        width: Width of the network's layers.
-        control: The control points; None for none.
+        key: random key of the weights.
+        planes: the feature planes.
+        bodies: the rigid bodies.
+        width: width of the network's layers.
+        control: the control points; None for none.
     """
     keys = iter(jax.random.split(key, 5))
     dtype = planes.lower.dtype
@@ -160,10 +160,10 @@ def deform(
     own size and turns between two timestamps.
 
     Args:
-        gaussians: The Gaussians before deformation.
-        deformation: The deformation field.
-        time: In the capture's unit.
-        held: Whether derivatives leave out, as fits do, how the motion and the light depend on
+        gaussians: the Gaussians before deformation.
+        deformation: the deformation field.
+        time: in the capture's unit.
+        held: whether derivatives leave out, as fits do, how the motion and the light depend on
             where a Gaussian is and how it is turned. A Gaussian must not move to another one's
             place to find a better motion, and fits are faster so.
     """

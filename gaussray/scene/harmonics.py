@@ -26,8 +26,8 @@ def harmonic_basis(
     """The first real spherical harmonics Y(direction), in the order and sign of 3DGS.
 
     Args:
-        direction: Unit vectors, components first.
-        coefficients: Number of harmonics: 1, 4, 9 or 16.
+        direction: unit vectors, components first.
+        coefficients: number of harmonics: 1, 4, 9 or 16.
 
     Returns:
         One array per harmonic, elementwise over the rays.
@@ -67,8 +67,8 @@ def radiance(
     As in 3DGRT the direction is the ray's own, not the one from the camera to the Gaussian's mean.
 
     Args:
-        harmonics: Coefficients c_i of red, green and blue.
-        direction: Unit vectors, components first.
+        harmonics: coefficients c_i of red, green and blue.
+        direction: unit vectors, components first.
     """
     terms = harmonic_basis(direction, harmonics.shape[0])
     total = terms[0][None] * harmonics[0]
@@ -84,8 +84,8 @@ def constant_harmonics(
     """Coefficients of a colour that does not depend on the direction.
 
     Args:
-        color: Linear red, green and blue.
-        degree: Degree of the harmonics.
+        color: linear red, green and blue.
+        degree: degree of the harmonics.
     """
     first = (color - 0.5) / C0
     rest = jnp.zeros((*color.shape[:-1], (degree + 1) ** 2 - 1, 3), color.dtype)

@@ -15,8 +15,8 @@ def normals(gaussians: Gaussians, eye: Float[Array, "3"]) -> Float[Array, "*keys
     one, so that the normal changes smoothly from key to key.
 
     Args:
-        gaussians: The Gaussians.
-        eye: Position of the camera, in scene units.
+        gaussians: the Gaussians.
+        eye: position of the camera, in scene units.
     """
 
     def middle(x: Array) -> Array:

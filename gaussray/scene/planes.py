@@ -16,12 +16,12 @@ class Planes(eqx.Module):
     Beyond the box and the time interval, the border value holds.
 
     Args:
-        space: For each scale the planes xy, xz, yz, indexed [second axis, first axis].
-        time: For each scale the planes xt, yt, zt, indexed [time, axis].
-        lower: Lower corner of the box, in scene units.
-        upper: Upper corner of the box, in scene units.
-        begin: First time, in the capture's unit.
-        end: Last time.
+        space: for each scale the planes xy, xz, yz, indexed [second axis, first axis].
+        time: for each scale the planes xt, yt, zt, indexed [time, axis].
+        lower: lower corner of the box, in scene units.
+        upper: upper corner of the box, in scene units.
+        begin: first time, in the capture's unit.
+        end: last time.
     """
 
     space: tuple[Float[Array, "3 _ _ channels"], ...]
@@ -52,13 +52,13 @@ def initial_planes(
     Spatial planes are uniform in 0.7 ... 1.3, time planes are 1.
 
     Args:
-        key: Random key.
-        lower: Lower corner of the box, in scene units.
-        upper: Upper corner of the box, in scene units.
-        time_range: First and last time, in the capture's unit.
-        sides: Resolutions of the spatial planes, one per scale.
-        instants: Rows of the time planes.
-        channels: Features per scale.
+        key: random key.
+        lower: lower corner of the box, in scene units.
+        upper: upper corner of the box, in scene units.
+        time_range: first and last time, in the capture's unit.
+        sides: resolutions of the spatial planes, one per scale.
+        instants: rows of the time planes.
+        channels: features per scale.
     """
     keys = jax.random.split(key, len(sides))
     dtype = lower.dtype
@@ -84,9 +84,9 @@ def features(
     gradient reaches the box.
 
     Args:
-        planes: The feature planes.
-        position: Positions in scene units.
-        time: In the capture's unit.
+        planes: the feature planes.
+        position: positions in scene units.
+        time: in the capture's unit.
     """
     lower, upper = jax.lax.stop_gradient((planes.lower, planes.upper))
     size = upper - lower

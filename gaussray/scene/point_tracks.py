@@ -26,10 +26,10 @@ def point_path(
     third order.
 
     Args:
-        scene: The scene.
-        index: Index of the Gaussian, in the order of `scene.at`.
-        point: Position of the point at `time`, in scene units.
-        time: In the capture's unit.
+        scene: the scene.
+        index: index of the Gaussian, in the order of `scene.at`.
+        point: position of the point at `time`, in scene units.
+        time: in the capture's unit.
 
     Returns:
         The position as a function of time.

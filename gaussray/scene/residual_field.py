@@ -20,16 +20,16 @@ class ResidualField(eqx.Module):
     Times run from 0 to 1; before and after nothing moves.
 
     Args:
-        planes: Feature planes over space and time.
-        trunk: Hidden layers of the network.
-        mean: Head of the translation; a head that is None adds nothing.
-        rotation: Head of the quaternion.
-        scale: Head of the log scale.
-        opacity: Head of the logit of opacity.
-        harmonics: Head of the harmonics.
-        logit_opacity: Logits of the undeformed opacities, which an opacity near 1 does not
+        planes: feature planes over space and time.
+        trunk: hidden layers of the network.
+        mean: head of the translation; a head that is None adds nothing.
+        rotation: head of the quaternion.
+        scale: head of the log scale.
+        opacity: head of the logit of opacity.
+        harmonics: head of the harmonics.
+        logit_opacity: logits of the undeformed opacities, which an opacity near 1 does not
             determine; None without the head `opacity`.
-        encoded: Whether harmonics and their residuals are those of sRGB values, whose sum is
+        encoded: whether harmonics and their residuals are those of sRGB values, whose sum is
             converted to linear light at every time (`srgb_harmonics.decode_harmonics`).
     """
 

@@ -19,7 +19,7 @@ class Clip(eqx.Module):
     all earlier times, the last one all later times.
 
     Args:
-        segments: The scenes, in order; each begins where the one before ends.
+        segments: the scenes, in order; each begins where the one before ends.
 
     Raises:
         ValueError: There is no segment, or the intervals do not meet.

@@ -161,8 +161,8 @@ def transients_at(transients: Transients, time: Float[Array, ""]) -> Gaussians:
     """The transient Gaussians at a time: moved, with the window multiplied into the opacity.
 
     Args:
-        transients: The Gaussians.
-        time: In the capture's unit.
+        transients: the Gaussians.
+        time: in the capture's unit.
     """
     age = time - transients.instant
     faded = squared_age(age, 1 / transients.lifetime, transients.plateau)

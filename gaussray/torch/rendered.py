@@ -54,11 +54,11 @@ class RenderedFrames(IterableDataset[Item]):
     are like those of `SavedFrames`; `light` is that of the sensor before it is encoded and clipped.
 
     Args:
-        words: The words of the command, such as `["scene=RUN", "sample=cameras"]`; `labels=[...]`
+        words: the words of the command, such as `["scene=RUN", "sample=cameras"]`; `labels=[...]`
             adds labels. `out` and `format` are ignored.
-        begin: Index of the first sample.
-        count: Number of samples; None for a stream without end.
-        on_device: Whether pictures stay on the device that JAX renders on, from where PyTorch gets
+        begin: index of the first sample.
+        count: number of samples; None for a stream without end.
+        on_device: whether pictures stay on the device that JAX renders on, from where PyTorch gets
             them without a copy (DLPack). Each form of lens, aperture and shutter then has a program
             of its own (`gaussray.render`). Otherwise they are in host memory, several frames are
             rendered at once on all devices, and clips and `render.error` are possible.

@@ -35,8 +35,8 @@ class SavedFrames(Dataset[Item]):
     several workers.
 
     Args:
-        data: Folder of the dataset.
-        labels: Labels to read, of those that were rendered (docs/labels.md).
+        data: folder of the dataset.
+        labels: labels to read, of those that were rendered (docs/labels.md).
 
     Attributes:
         frames: The manifest's entry of each frame, with the exact camera.

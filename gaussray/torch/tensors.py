@@ -29,7 +29,7 @@ def picture_tensors(picture: Picture) -> dict[str, torch.Tensor]:
     """The values of a picture as tensors on the device where JAX has them, without a copy.
 
     Args:
-        picture: The picture of `gaussray.render`.
+        picture: the picture of `gaussray.render`.
 
     Returns:
         `color` [h, w, 3] (linear light), `alpha` [h, w] and `depth` [h, w]. They share the memory
@@ -66,9 +66,9 @@ def pixel_times(row_times: Sequence[float], direction: str, size: tuple[int, int
     the shutter's direction is sideways; one time alone is that of all pixels.
 
     Args:
-        row_times: Times from the top, or from the left.
-        direction: Direction of the shutter, such as `top_to_bottom`.
-        size: Width and height of the picture.
+        row_times: times from the top, or from the left.
+        direction: direction of the shutter, such as `top_to_bottom`.
+        size: width and height of the picture.
     """
     times, (width, height) = torch.tensor(row_times, dtype=torch.float32), size
     sideways = direction in ("left_to_right", "right_to_left")

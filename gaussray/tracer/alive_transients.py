@@ -25,9 +25,9 @@ class Sweep(eqx.Module):
     """Motion and fading of Gaussians within a time span.
 
     Args:
-        first: Displacement from the mean when the Gaussian is first alive, in scene units.
-        last: Displacement when it is last alive.
-        shrink: Largest size of its ellipsoid, relative to that at full opacity; 0 if it is not
+        first: displacement from the mean when the Gaussian is first alive, in scene units.
+        last: displacement when it is last alive.
+        shrink: largest size of its ellipsoid, relative to that at full opacity; 0 if it is not
             alive.
     """
 
@@ -71,10 +71,10 @@ def swept_between(
     sqrt(radius^2 - s^2), at most to that at the time nearest to its instant.
 
     Args:
-        window: The time windows.
-        radius: Reach at full opacity, in standard deviations.
-        earliest: First time, in the capture's unit.
-        latest: Last time.
+        window: the time windows.
+        radius: reach at full opacity, in standard deviations.
+        earliest: first time, in the capture's unit.
+        latest: last time.
     """
     first, last = earliest - window.instant, latest - window.instant
     nearest = jnp.maximum(jnp.maximum(first, -last), 0)
@@ -97,9 +97,9 @@ def swept_box(
     """Lower and upper corners of the boxes that contain Gaussians during a time span.
 
     Args:
-        lower: Lower corners at full opacity at their own instants.
-        upper: Upper corners.
-        swept: Their motion during the span.
+        lower: lower corners at full opacity at their own instants.
+        upper: upper corners.
+        swept: their motion during the span.
     """
     center = 0.5 * (lower + upper)
     least, most = jnp.minimum(swept.first, swept.last), jnp.maximum(swept.first, swept.last)
@@ -113,10 +113,10 @@ class AliveTransients(eqx.Module):
     """The transient Gaussians that are alive within a time span.
 
     Args:
-        transients: The Gaussians, in a fixed number of places; an empty place has opacity 0.
-        index: Their indices among all transient Gaussians; -1 for an empty place.
-        needed: Number of places that they need.
-        unusable: Number of Gaussians that are not finite: those whose windows are not, and the
+        transients: the Gaussians, in a fixed number of places; an empty place has opacity 0.
+        index: their indices among all transient Gaussians; -1 for an empty place.
+        needed: number of places that they need.
+        unusable: number of Gaussians that are not finite: those whose windows are not, and the
             alive ones with other values that are not.
     """
 
@@ -135,8 +135,8 @@ def rows_under(
     (`jnp.nonzero` counts the rows before each place, all at few addresses: a GPU waits for that.)
 
     Args:
-        mask: Which rows are chosen.
-        places: Number of places; those that are left have a number beyond all rows.
+        mask: which rows are chosen.
+        places: number of places; those that are left have a number beyond all rows.
     """
     count = mask.shape[0]
     place = jnp.where(mask, jnp.cumsum(mask, dtype=jnp.int32) - 1, places)
@@ -154,10 +154,10 @@ def alive_transients(
     that of the alive ones. Gradients reach the selected Gaussians.
 
     Args:
-        transients: All transient Gaussians.
-        span: First and last time of the rays.
-        places: Number of places.
-        alpha_min: Alpha below which a Gaussian has no effect.
+        transients: all transient Gaussians.
+        span: first and last time of the rays.
+        places: number of places.
+        alpha_min: alpha below which a Gaussian has no effect.
     """
     fixed = jax.lax.stop_gradient(transients)
     window = time_window_of(fixed)

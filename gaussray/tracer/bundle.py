@@ -28,11 +28,11 @@ class Bundles(eqx.Module):
     finite do not count.
 
     Args:
-        normal: Unit normals n of the half-spaces.
-        offset: Their offsets, in scene units.
-        active: The control points of the motion that the bundle's times touch.
-        earliest: Earliest time of the rays, in the capture's unit.
-        latest: Latest time of the rays.
+        normal: unit normals n of the half-spaces.
+        offset: their offsets, in scene units.
+        active: the control points of the motion that the bundle's times touch.
+        earliest: earliest time of the rays, in the capture's unit.
+        latest: latest time of the rays.
     """
 
     normal: Float[Array, "*bundles 5 3"]
@@ -48,9 +48,9 @@ def bound_bundles(
     """Bound bundles of rays. No gradient.
 
     Args:
-        rays: Rays of the shape (bundles, rays of one bundle).
-        key_time: Key times of the motion.
-        row: Number of rays in the first row of a bundle; None for a square bundle.
+        rays: rays of the shape (bundles, rays of one bundle).
+        key_time: key times of the motion.
+        row: number of rays in the first row of a bundle; None for a square bundle.
     """
     row_end = _row_end(rays.direction.shape[1]) if row is None else row - 1
     bound = partial(_bound_bundle, key_time=key_time, row_end=row_end)
@@ -106,7 +106,7 @@ def bounds_of_levels(
 
     Args:
         rays: samples of the same rays, with a leading axis: a bundle holds all of them.
-        key_time: Key times of the motion.
+        key_time: key times of the motion.
         options: size and levels of the bundles.
     """
     each = jax.vmap(lambda one: split_into_bundles(one, options))(rays)
@@ -147,10 +147,10 @@ def morton_tiles(width: int, height: int, side: int, levels: int) -> Int[np.ndar
     FAN consecutive tiles are a 4 x 4 block, and so on for coarser levels.
 
     Args:
-        width: Width of the picture in pixels.
-        height: Height of the picture in pixels.
-        side: Side of a tile in pixels.
-        levels: Number of coarser levels.
+        width: width of the picture in pixels.
+        height: height of the picture in pixels.
+        side: side of a tile in pixels.
+        levels: number of coarser levels.
 
     Returns:
         Row-major index of the pixel of every slot; -1 beyond the picture.

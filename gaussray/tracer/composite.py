@@ -14,9 +14,9 @@ class Pixels(eqx.Module):
     """The results of traced rays.
 
     Args:
-        color: Linear red, green and blue.
-        transmittance: Share of light that passes all hits.
-        depth: Sum of weight x t, in scene units; divide by 1 - transmittance for the mean distance.
+        color: linear red, green and blue.
+        transmittance: share of light that passes all hits.
+        depth: sum of weight x t, in scene units; divide by 1 - transmittance for the mean distance.
     """
 
     color: Float[Array, "*rays 3"]
@@ -50,9 +50,9 @@ def composite(
     as fast as XLA's reduction on a CPU. An empty slot has alpha = 0 and no effect.
 
     Args:
-        alpha: Alphas of k hits in any order.
-        t: Their distances along the ray.
-        payload: What is blended, such as red, green, blue and t.
+        alpha: alphas of k hits in any order.
+        t: their distances along the ray.
+        payload: what is blended, such as red, green, blue and t.
 
     Returns:
         The blended payload and the transmittance, elementwise over the rays.

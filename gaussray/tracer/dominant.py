@@ -20,10 +20,10 @@ class Dominant(NamedTuple):
     """The Gaussian of the largest blending weight on every ray.
 
     Args:
-        index: Its index, in the order of `scene.at`; -1 if nothing is hit.
-        weight: Its blending weight.
-        needed: List sizes, as in `trace.Report`.
-        dropped: Dropped entries, as in `trace.Report`.
+        index: its index, in the order of `scene.at`; -1 if nothing is hit.
+        weight: its blending weight.
+        needed: list sizes, as in `trace.Report`.
+        dropped: dropped entries, as in `trace.Report`.
     """
 
     index: Int[Array, " rays"]

@@ -39,9 +39,9 @@ class Fading(eqx.Module):
     """Time windows of the Gaussians of a grid.
 
     Args:
-        window: The windows.
-        radius: Reach at full opacity, in standard deviations.
-        time_range: Times beyond which transient Gaussians rest; None for no limits.
+        window: the windows.
+        radius: reach at full opacity, in standard deviations.
+        time_range: times beyond which transient Gaussians rest; None for no limits.
     """
 
     window: TimeWindow
@@ -54,8 +54,8 @@ class Fading(eqx.Module):
         """Displacement and shrinking of the Gaussians between two times.
 
         Args:
-            earliest: First time.
-            latest: Last time.
+            earliest: first time.
+            latest: last time.
         """
         earliest, latest = (clipped_time(self.time_range, x) for x in (earliest, latest))
         return swept_between(self.window, self.radius, earliest, latest)
@@ -65,10 +65,10 @@ def build_grid(motion: Motion, *, alpha_min: float, span: Float[Array, "2"] | No
     """Sort the Gaussians into cells and bound each cell over all control points of the motion.
 
     Args:
-        motion: The Gaussians at their key times.
-        alpha_min: Alpha at which ellipsoids end (`response.reach_radius`). Gaussians that stay
+        motion: the Gaussians at their key times.
+        alpha_min: alpha at which ellipsoids end (`response.reach_radius`). Gaussians that stay
             below it are left out.
-        span: First and last time of the rays. Transient Gaussians that are not alive in it are left
+        span: first and last time of the rays. Transient Gaussians that are not alive in it are left
             out.
 
     Raises:
@@ -122,8 +122,8 @@ def ellipsoid_boxes(
     """Lower and upper corners of the boxes around ellipsoids, widened for rounding errors.
 
     Args:
-        mean: Centres.
-        support: Principal axes as columns, as long as the semi-axes.
+        mean: centres.
+        support: principal axes as columns, as long as the semi-axes.
     """
     eps = jnp.finfo(mean.dtype).eps
     half = jnp.sqrt(jnp.sum(support * support, axis=-1)) * (1 + 8 * eps) + 4 * eps * jnp.abs(mean)
@@ -138,9 +138,9 @@ def grid_key(
     """Sort key of Gaussians: size class, then the grid cell of the centre on the Morton curve.
 
     Args:
-        lower: Lower corners of the boxes around the Gaussians.
-        upper: Upper corners.
-        included: The Gaussians that enter the grid; the others come last.
+        lower: lower corners of the boxes around the Gaussians.
+        upper: upper corners.
+        included: the Gaussians that enter the grid; the others come last.
     """
     center = 0.5 * (lower + upper)
     low = jnp.min(jnp.where(included[:, None], center, jnp.inf), axis=0, initial=jnp.inf)

@@ -60,9 +60,9 @@ def hit_list_buffers(groups, options, slots):
     They are allocated once, because clearing them takes as long as filling them if lists are short.
 
     Args:
-        groups: Arrays of all groups (`bundle_groups`).
-        options: Options of the tracer.
-        slots: Length of the longest list.
+        groups: arrays of all groups (`bundle_groups`).
+        options: options of the tracer.
+        slots: length of the longest list.
     """
     origin = groups["lanes"].origin
     rays, dtype = origin.shape[2:], origin.dtype
@@ -75,12 +75,12 @@ def hit_list(space, geometry, one, index, options, columns) -> HitList:
     """Intersect the rays of a group with its lists.
 
     Args:
-        space: Arrays of `hit_list_buffers`, which are overwritten.
-        geometry: Columns of `hit_geometry`.
-        one: Arrays of the group (`bundle_groups`).
-        index: The Gaussian of every list entry.
-        options: Options of the tracer.
-        columns: Columns of the table.
+        space: arrays of `hit_list_buffers`, which are overwritten.
+        geometry: columns of `hit_geometry`.
+        one: arrays of the group (`bundle_groups`).
+        index: the Gaussian of every list entry.
+        options: options of the tracer.
+        columns: columns of the table.
     """
     lanes = jnp.arange(options.chunk, dtype=jnp.int32)
     rays = with_entry_axis(one["lanes"])
@@ -122,11 +122,11 @@ def next_hits(hit_table, one, index, after, options):
     """The k nearest hits of every ray behind the key `after`.
 
     Args:
-        hit_table: Hits of the group (`hit_list`).
-        one: Arrays of the group (`bundle_groups`).
-        index: The Gaussian of every list entry.
-        after: Key of the last hit that was blended.
-        options: Options of the tracer.
+        hit_table: hits of the group (`hit_list`).
+        one: arrays of the group (`bundle_groups`).
+        index: the Gaussian of every list entry.
+        after: key of the last hit that was blended.
+        options: options of the tracer.
 
     Returns:
         ((Gaussian indices, -1 where there is no hit; the last key), slots of the hits in the list).

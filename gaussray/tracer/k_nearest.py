@@ -21,10 +21,10 @@ def nearest_hits(
     slot.
 
     Args:
-        keys: Sort keys of all list entries.
-        chunks: Number of chunks that are filled.
-        after: Key behind which hits count.
-        k: Number of hits.
+        keys: sort keys of all list entries.
+        chunks: number of chunks that are filled.
+        after: key behind which hits count.
+        k: number of hits.
 
     Returns:
         The keys, smallest first; the largest integer where none is left.
@@ -69,10 +69,10 @@ def sort_key(
     exact order within a round.
 
     Args:
-        order: Float bits of the distances t > 0, which sort as t does.
-        slot: Slot of each hit in its list.
-        low: Smallest `order` on the ray.
-        high: Largest `order` on the ray.
+        order: float bits of the distances t > 0, which sort as t does.
+        slot: slot of each hit in its list.
+        low: smallest `order` on the ray.
+        high: largest `order` on the ray.
         mask: `slot_mask` of the list.
     """
     # Two bits stay free: the sign, and one that keeps every key below the largest integer.

@@ -61,9 +61,9 @@ def gaussian_rows(
     """The Gaussians as the kernels read them.
 
     Args:
-        motion: The Gaussians at their key times.
-        alpha_min: Alpha below which a Gaussian has no effect.
-        span: First and last time of the rays.
+        motion: the Gaussians at their key times.
+        alpha_min: alpha below which a Gaussian has no effect.
+        span: first and last time of the rays.
 
     Returns:
         The rows, boxes around the Gaussians within the span (lower and upper corners), which

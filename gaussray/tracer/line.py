@@ -23,10 +23,10 @@ def line_hits(
     search is compiled or measured, and the cost grows with the scene.
 
     Args:
-        gaussians: The Gaussians at the time of the line.
-        origin: Start of the line.
-        direction: Unit direction; zero hits nothing.
-        options: Smallest and largest alpha.
+        gaussians: the Gaussians at the time of the line.
+        origin: start of the line.
+        direction: unit direction; zero hits nothing.
+        options: smallest and largest alpha.
     """
     t, q, _ = _responses(gaussians, origin, direction)
     return t, jnp.where(t > 0, _alphas(gaussians, q, options), 0)
@@ -45,10 +45,10 @@ def light_between(
     or ends counts with its largest alpha on the line, also if its peak lies beyond the end.
 
     Args:
-        gaussians: The Gaussians at the time of the lines.
-        start: The place where all lines start.
-        ends: The places where they end.
-        options: Smallest and largest alpha.
+        gaussians: the Gaussians at the time of the lines.
+        start: the place where all lines start.
+        ends: the places where they end.
+        options: smallest and largest alpha.
     """
 
     def light(end: Array) -> Array:

@@ -59,11 +59,11 @@ def measure(
     """Measure the list sizes of a trace. On the host, outside jit.
 
     Args:
-        motion: The scene across the times of the rays.
-        rays: The rays.
-        options: Options of the tracer.
-        capacity: Sizes to start from, enlarged until none overflows; None is a small guess.
-        headroom: Factor of the needed sizes, for other frames and steps.
+        motion: the scene across the times of the rays.
+        rays: the rays.
+        options: options of the tracer.
+        capacity: sizes to start from, enlarged until none overflows; None is a small guess.
+        headroom: factor of the needed sizes, for other frames and steps.
     """
     trial = capacity
     if trial is None:
@@ -91,9 +91,9 @@ def enlarged_capacity(
     Enlarging all of them at once saves compilations. Slots are rounded up to a power of two.
 
     Args:
-        capacity: The sizes.
-        needed: The needed sizes (`Report.needed`).
-        headroom: Factor of the needed sizes.
+        capacity: the sizes.
+        needed: the needed sizes (`Report.needed`).
+        headroom: factor of the needed sizes.
     """
     grown = partial(enlarged_size, headroom=headroom)
     levels = len(capacity.cells)

@@ -112,10 +112,10 @@ def key_times_across(
     """Key times at even intervals, also where all rays share one time: arcs need a length.
 
     Args:
-        first: Time of the first ray.
-        last: Time of the last ray.
-        keys: Number of key states, at least two.
-        least: What the key times span at least, about the middle of the rays' times.
+        first: time of the first ray.
+        last: time of the last ray.
+        keys: number of key states, at least two.
+        least: what the key times span at least, about the middle of the rays' times.
     """
     room = jnp.maximum(least - (last - first), 0) / 2
     room = jax.lax.stop_gradient(room).astype(first.dtype)
@@ -149,8 +149,8 @@ def clipped_time(
     """Times clipped to the range of transient Gaussians.
 
     Args:
-        time_range: First and last time; None for no limits.
-        time: Times, in the capture's unit.
+        time_range: first and last time; None for no limits.
+        time: times, in the capture's unit.
     """
     if time_range is None:
         return time
@@ -187,8 +187,8 @@ def control_weights(
     They are smooth within an arc, so gradients reach shutter and trigger times.
 
     Args:
-        key_time: Key times, increasing.
-        time: In the capture's unit.
+        key_time: key times, increasing.
+        time: in the capture's unit.
     """
     keys = key_time.shape[0]
     if keys == 1:
@@ -209,8 +209,8 @@ def arc_weights(
     """The nonzero weights of `control_weights`: those of three consecutive control points.
 
     Args:
-        key_time: Key times, increasing, at least two; of two, the third weight is 0.
-        time: In the capture's unit.
+        key_time: key times, increasing, at least two; of two, the third weight is 0.
+        time: in the capture's unit.
 
     Returns:
         The three weights, and the index of the first control point.
@@ -237,9 +237,9 @@ def active_controls(
     """The control points with a weight at some time of an interval.
 
     Args:
-        key_time: Key times, increasing.
-        earliest: First time of the interval.
-        latest: Last time of the interval.
+        key_time: key times, increasing.
+        earliest: first time of the interval.
+        latest: last time of the interval.
     """
     knot = _knots(key_time)
     infinite = jnp.full_like(knot[:1], jnp.inf)
@@ -272,7 +272,7 @@ def replace_invalid(g: Gaussians, fine: Bool[Array, " gaussians"]) -> Gaussians:
 
     Args:
         g: Gaussians with key states.
-        fine: Which of them are valid.
+        fine: which of them are valid.
     """
 
     def with_ones(x: Array, axis: int) -> Array:

@@ -19,10 +19,10 @@ class Prepared(eqx.Module):
     """A motion, prepared for rays within a span of time.
 
     Args:
-        motion: The motion, with the transient Gaussians that are alive in the span.
-        grid: The grid over its Gaussians; None if lists are found without one.
-        span: First and last time of the rays.
-        living: The transient Gaussians that are alive; None if there are none.
+        motion: the motion, with the transient Gaussians that are alive in the span.
+        grid: the grid over its Gaussians; None if lists are found without one.
+        span: first and last time of the rays.
+        living: the transient Gaussians that are alive; None if there are none.
     """
 
     motion: Motion
@@ -34,8 +34,8 @@ class Prepared(eqx.Module):
         """List sizes and dropped entries, including those of transient Gaussians.
 
         Args:
-            needed: List sizes of a trace.
-            dropped: Entries that it dropped.
+            needed: list sizes of a trace.
+            dropped: entries that it dropped.
         """
         if self.living is None:
             return needed, dropped
@@ -46,7 +46,7 @@ class Prepared(eqx.Module):
         """Number of Gaussians that are not finite.
 
         Args:
-            others: Number of those among the Gaussians of `motion`.
+            others: number of those among the Gaussians of `motion`.
         """
         return others if self.living is None else others + self.living.unusable
 
@@ -86,10 +86,10 @@ def prepare_for_rays(
     """Prepare a motion for rays, unless it is prepared already.
 
     Args:
-        motion: The motion.
-        rays: The rays.
-        options: Options of the tracer.
-        capacity: Capacity of the traces.
+        motion: the motion.
+        rays: the rays.
+        options: options of the tracer.
+        capacity: capacity of the traces.
     """
     if isinstance(motion, Prepared):
         return motion

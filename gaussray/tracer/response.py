@@ -28,10 +28,10 @@ def response(
     cubes of them and of their inverses must be numbers.
 
     Args:
-        whiten: Entries of A, row by row.
-        mean: Centre of the Gaussian, by component.
-        origin: Origin of the ray.
-        direction: Unit direction of the ray.
+        whiten: entries of A, row by row.
+        mean: centre of the Gaussian, by component.
+        origin: origin of the ray.
+        direction: unit direction of the ray.
 
     Returns:
         t and q.
@@ -71,8 +71,8 @@ def reach_radius(opacity: Float[Array, "*batch"], alpha_min: float) -> Float[Arr
     where they are nearly equal.
 
     Args:
-        opacity: Peak alphas.
-        alpha_min: Alpha at the radius.
+        opacity: peak alphas.
+        alpha_min: alpha at the radius.
 
     Returns:
         The radius; 0 if the opacity is below `alpha_min`.
@@ -89,8 +89,8 @@ def opacity_on_ray(
     """alpha = min(alpha_max, opacity exp(-q/2)).
 
     Args:
-        opacity: Peak alphas.
-        q: Squared distances from the Gaussian on the ray, in standard deviations (`response`).
-        alpha_max: Largest alpha.
+        opacity: peak alphas.
+        q: squared distances from the Gaussian on the ray, in standard deviations (`response`).
+        alpha_max: largest alpha.
     """
     return jnp.minimum(opacity * jnp.exp(-0.5 * q), alpha_max)

@@ -43,12 +43,12 @@ def trace_sharded(
     rays are dealt out already: then they and their pixels stay where they are.
 
     Args:
-        motion: As for `trace`.
-        rays: As for `trace`.
-        options: As for `trace`.
-        capacity: List sizes of one device.
-        mesh: The devices; None or a single one is `trace` itself.
-        presharded: Whether each device gets the run of rays that it holds, as many blocks of
+        motion: as for `trace`.
+        rays: as for `trace`.
+        options: as for `trace`.
+        capacity: list sizes of one device.
+        mesh: the devices; None or a single one is `trace` itself.
+        presharded: whether each device gets the run of rays that it holds, as many blocks of
             bundles as every other one.
 
     Returns:

@@ -25,10 +25,10 @@ class Columns(NamedTuple):
     and keys x 3 of the tint.
 
     Args:
-        keys: Number of key states.
-        coefficients: Number of harmonics per channel.
-        tinted: Whether there are columns of the tint.
-        transient: Whether there are columns of the time window.
+        keys: number of key states.
+        coefficients: number of harmonics per channel.
+        tinted: whether there are columns of the tint.
+        transient: whether there are columns of the time window.
     """
 
     keys: int
@@ -61,10 +61,10 @@ class Lanes(NamedTuple):
     """Rays with their components first.
 
     Args:
-        origin: Origins, in scene units.
-        direction: Unit directions.
-        weights: Weights of the control points of the motion.
-        time: Times, in the capture's unit; None if there are no transient Gaussians.
+        origin: origins, in scene units.
+        direction: unit directions.
+        weights: weights of the control points of the motion.
+        time: times, in the capture's unit; None if there are no transient Gaussians.
     """
 
     origin: Float[Array, " 3 *rays"]
@@ -120,9 +120,9 @@ def ray_response(
     (`squared_age`).
 
     Args:
-        row: A row of `gaussian_table`, column by column.
-        lanes: The rays, which meet it at their own times.
-        columns: Columns of the row.
+        row: a row of `gaussian_table`, column by column.
+        lanes: the rays, which meet it at their own times.
+        columns: columns of the row.
     """
     whiten, mean = state_at(row, lanes.weights)
     if lanes.time is None:
@@ -140,8 +140,8 @@ def state_at(
     """State of a Gaussian on rays: the nine entries of A, row by row, and the mean.
 
     Args:
-        row: A row of `gaussian_table`, column by column.
-        weights: Weights of the control points (`control_weights`).
+        row: a row of `gaussian_table`, column by column.
+        weights: weights of the control points (`control_weights`).
     """
     keys = weights.shape[0]
     if keys == 1:
@@ -162,8 +162,8 @@ def tint_at(
     """Tint of a Gaussian on rays; negative values are set to 0.
 
     Args:
-        row: The `tint` columns of a row.
-        weights: Weights of the control points (`control_weights`).
+        row: the `tint` columns of a row.
+        weights: weights of the control points (`control_weights`).
     """
 
     def blend(channel: int) -> Array:

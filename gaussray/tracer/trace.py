@@ -40,10 +40,10 @@ class Report(eqx.Module):
     """Cost and completeness of a trace.
 
     Args:
-        needed: Needed list sizes, in the order of `Capacity` (`transient` only if there are any).
-        dropped: Entries that were dropped for lack of capacity; 0 if the result is complete.
+        needed: needed list sizes, in the order of `Capacity` (`transient` only if there are any).
+        dropped: entries that were dropped for lack of capacity; 0 if the result is complete.
         skipped: Gaussians that were skipped because they were not finite.
-        hits: Hits of all rays together, in single precision: exact up to 2^24, then rounded.
+        hits: hits of all rays together, in single precision: exact up to 2^24, then rounded.
     """
 
     needed: Int[Array, " sizes"]

@@ -21,9 +21,9 @@ def color_by_vector(
     parabolas between key states. `blended_vector` subtracts it again.
 
     Args:
-        motion: The scene.
-        vector: The vector of Gaussians; it may differ from key to key.
-        largest: Bound of the absolute value of its components.
+        motion: the scene.
+        vector: the vector of Gaussians; it may differ from key to key.
+        largest: bound of the absolute value of its components.
     """
 
     def paint(gaussians: Gaussians) -> Gaussians:
@@ -54,7 +54,7 @@ def blended_vector(pixels: Pixels, largest: float) -> Float[Array, "*rays 3"]:
     """Sum of blending weight x vector on every ray.
 
     Args:
-        pixels: Traced rays of a scene from `color_by_vector`.
-        largest: The same bound.
+        pixels: traced rays of a scene from `color_by_vector`.
+        largest: the same bound.
     """
     return pixels.color - 2 * largest * (1 - pixels.transmittance)[..., None]

@@ -29,8 +29,8 @@ class SizeController:
     nearest. After a single measurement, a is assumed to be `FIXED_SHARE` of it.
 
     Args:
-        sizes: Width and height of the possible previews, smallest first.
-        budget: Milliseconds per picture.
+        sizes: width and height of the possible previews, smallest first.
+        budget: milliseconds per picture.
     """
 
     def __init__(self, sizes: Sequence[tuple[int, int]], budget: float):

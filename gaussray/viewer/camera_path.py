@@ -27,8 +27,8 @@ def path_trajectory(keyframes: Sequence[Viewpoint], times: tuple[float, float]) 
     """The smooth motion through keyframes.
 
     Args:
-        keyframes: At least two viewpoints; their own times do not count.
-        times: Scene times of the first and the last keyframe; the others are evenly between them.
+        keyframes: at least two viewpoints; their own times do not count.
+        times: scene times of the first and the last keyframe; the others are evenly between them.
 
     Raises:
         ValueError: There are fewer than two keyframes.
@@ -63,9 +63,9 @@ def turntable(
     """Keyframes of one turn of the camera around a target.
 
     Args:
-        viewpoint: First viewpoint.
-        target: Point that the camera looks at, world axes, scene units.
-        up: Direction of the axis of rotation through the target.
+        viewpoint: first viewpoint.
+        target: point that the camera looks at, world axes, scene units.
+        up: direction of the axis of rotation through the target.
 
     Raises:
         ValueError: The direction of view is along `up`.

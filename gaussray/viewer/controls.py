@@ -49,8 +49,8 @@ def sliders(distance: float, span: float) -> list[Slider]:
     """The sliders of the viewer.
 
     Args:
-        distance: Typical distance of the scene from the camera, scene units.
-        span: Duration of the scene, in the unit of its times.
+        distance: typical distance of the scene from the camera, scene units.
+        span: duration of the scene, in the unit of its times.
     """
     near, time = _round(distance), _round(span)
 
@@ -130,8 +130,8 @@ def pinhole_values(values: Mapping[str, Any], fov: float) -> ControlValues:
     """The values of an ideal pinhole camera.
 
     Args:
-        values: Control values by configuration key. A pinhole lens keeps its field of view.
-        fov: Field of view in place of any other lens, degrees.
+        values: control values by configuration key. A pinhole lens keeps its field of view.
+        fov: field of view in place of any other lens, degrees.
     """
     result = dict(values)
     for group, choice in PINHOLE.items():

@@ -129,9 +129,9 @@ class ViewerModel:
         """The render job of a viewpoint.
 
         Args:
-            values: Control values by configuration key.
-            viewpoint: Pose and time of the camera.
-            size: Width and height of the picture in pixels.
+            values: control values by configuration key.
+            viewpoint: pose and time of the camera.
+            size: width and height of the picture in pixels.
 
         Raises:
             ValueError: No camera can have these values.

@@ -9,14 +9,14 @@ class ViewOptions(eqx.Module):
     """Options of `gaussray view`.
 
     Args:
-        host: Address to listen on; 0.0.0.0 accepts connections from other machines.
-        port: Port of the web page; the next free one if it is taken.
-        width: Width of the final picture in pixels; 0 is the capture's.
-        height: Height of the final picture in pixels; 0 keeps the capture's aspect.
-        rate: Previews per second while something changes; a slower machine renders smaller ones.
-        samples: Rays per pixel of a preview where the aperture or the exposure blurs.
-        keys: Key states of the scene across the frame time of a preview.
-        dark: Whether the page has dark colours.
+        host: address to listen on; 0.0.0.0 accepts connections from other machines.
+        port: port of the web page; the next free one if it is taken.
+        width: width of the final picture in pixels; 0 is the capture's.
+        height: height of the final picture in pixels; 0 keeps the capture's aspect.
+        rate: previews per second while something changes; a slower machine renders smaller ones.
+        samples: rays per pixel of a preview where the aperture or the exposure blurs.
+        keys: key states of the scene across the frame time of a preview.
+        dark: whether the page has dark colours.
     """
 
     host: str = eqx.field(static=True, default="127.0.0.1")

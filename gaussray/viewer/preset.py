@@ -36,8 +36,8 @@ def preset_folder(out: Path, name: str) -> Path:
     """The folder of the preset with this name.
 
     Args:
-        out: Folder of the presets.
-        name: Name of the preset.
+        out: folder of the presets.
+        name: name of the preset.
 
     Raises:
         ValueError: The name is no plain file name.
@@ -62,12 +62,12 @@ def save_preset(
     exact camera.
 
     Args:
-        model: Scene and views of the viewer.
-        values: Control values by configuration key.
-        viewpoint: Pose and time of the camera.
-        folder: Folder of the preset.
-        picture: Picture to store beside them, 8-bit sRGB.
-        size: Width and height of the picture in pixels; the model's by default.
+        model: scene and views of the viewer.
+        values: control values by configuration key.
+        viewpoint: pose and time of the camera.
+        folder: folder of the preset.
+        picture: picture to store beside them, 8-bit sRGB.
+        size: width and height of the picture in pixels; the model's by default.
 
     Returns:
         Path of preset.yaml.

@@ -47,10 +47,10 @@ class ViewerSession:
     """Renders the latest request in background threads.
 
     Args:
-        model: The scene and its render jobs.
-        previewer: Renders previews; shared by all pages.
-        show: Called with an image (h, w, 3) of the window and whether it is final.
-        report: Called with a status, or with the text of an error.
+        model: the scene and its render jobs.
+        previewer: renders previews; shared by all pages.
+        show: called with an image (h, w, 3) of the window and whether it is final.
+        report: called with a status, or with the text of an error.
     """
 
     def __init__(

@@ -43,10 +43,10 @@ def panes(layout: str, window: float, picture: float, split: float = 0.5) -> lis
     """The panes of a layout, as large as the window allows and centred in their part of it.
 
     Args:
-        layout: One of `LAYOUTS`.
-        window: Aspect of the window, width / height.
-        picture: Aspect of the pictures, width / height.
-        split: In the split layout, the fraction of the width left of which the pinhole is shown.
+        layout: one of `LAYOUTS`.
+        window: aspect of the window, width / height.
+        picture: aspect of the pictures, width / height.
+        split: in the split layout, the fraction of the width left of which the pinhole is shown.
 
     Raises:
         ValueError: there is no such layout.

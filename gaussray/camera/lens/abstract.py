@@ -23,8 +23,8 @@ class LensRecord(NamedTuple):
     """A lens as a manifest holds it.
 
     Args:
-        keys: Keys of a frame, from which `LensModel.from_keys` builds the same lens bit by bit.
-        tables: The arrays that the keys name, by file name.
+        keys: keys of a frame, from which `LensModel.from_keys` builds the same lens bit by bit.
+        tables: the arrays that the keys name, by file name.
     """
 
     keys: dict[str, Any]
@@ -65,10 +65,10 @@ class AbstractLens(eqx.Module):
         """The lens of a part of the picture at another resolution.
 
         Args:
-            whole: Width and height of the picture of this lens.
-            box: The part that is shown: left, top, width and height in pixels of that picture; it
+            whole: width and height of the picture of this lens.
+            box: the part that is shown: left, top, width and height in pixels of that picture; it
                 may go beyond the edges.
-            size: Width and height of the new picture, onto which the part is scaled.
+            size: width and height of the new picture, onto which the part is scaled.
         """
 
     @abc.abstractmethod

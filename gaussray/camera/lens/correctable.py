@@ -62,9 +62,9 @@ class CorrectableLens(AbstractLens):
         """The lens with corrections of order 1 where they are of the size of the picture.
 
         Args:
-            scale: Factor of both focal lengths.
-            shift: Shift of the principal point, in focal lengths on the axis.
-            change: What is added to the coefficients.
+            scale: factor of both focal lengths.
+            shift: shift of the principal point, in focal lengths on the axis.
+            change: what is added to the coefficients.
         """
 
 

@@ -35,10 +35,10 @@ class Division(RadialLens):
     4 lambda1 tan^2(theta))); with two, r_d is found by bisection and Newton.
 
     Args:
-        focal: Focal lengths in pixels.
-        center: Distortion centre and principal point in pixels.
+        focal: focal lengths in pixels.
+        center: distortion centre and principal point in pixels.
         coefficients: lambda1, or lambda1 and lambda2, without unit.
-        limit: Largest r_d of the picture, in focal lengths; black beyond. theta must increase up to
+        limit: largest r_d of the picture, in focal lengths; black beyond. theta must increase up to
             it: 1 - lambda1 r_d^2 - 3 lambda2 r_d^4 > 0.
 
     Raises:

@@ -106,9 +106,9 @@ def limit_of_angle(k: tuple[float, ...] | list[float], max_angle: float, polynom
     """`FTheta.limit` of a half angle of view: the angle itself, or the first radius that has it.
 
     Args:
-        k: Coefficients, the lowest first.
-        max_angle: Half angle of view, in radians.
-        polynomial: One of `POLYNOMIALS`.
+        k: coefficients, the lowest first.
+        max_angle: half angle of view, in radians.
+        polynomial: one of `POLYNOMIALS`.
 
     Raises:
         ValueError: An increasing theta(r) does not reach the angle.

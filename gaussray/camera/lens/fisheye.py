@@ -32,10 +32,10 @@ class Fisheye(RadialLens):
     gradient there is 0 instead).
 
     Args:
-        focal: Focal lengths in pixels, above 0.
-        center: Principal point in pixels.
-        max_angle: Half of the field of view in radians; the picture is black beyond it.
-        projection: One of `PROJECTIONS`.
+        focal: focal lengths in pixels, above 0.
+        center: principal point in pixels.
+        max_angle: half of the field of view in radians; the picture is black beyond it.
+        projection: one of `PROJECTIONS`.
 
     Raises:
         ValueError: If a parameter is invalid; the message names the key.

@@ -23,10 +23,10 @@ class KannalaBrandt(RadialLens):
     OpenCV's fisheye (Kannala and Brandt 2006). theta(r) is found by bisection and Newton's method.
 
     Args:
-        focal: Focal lengths in pixels, above 0.
-        center: Principal point in pixels.
+        focal: focal lengths in pixels, above 0.
+        center: principal point in pixels.
         coefficients: k1, k2, k3, k4.
-        max_angle: Half of the field of view in radians, at most pi; r must increase up to it.
+        max_angle: half of the field of view in radians, at most pi; r must increase up to it.
 
     Raises:
         ValueError: If a parameter is invalid; the message names the key.

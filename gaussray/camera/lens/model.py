@@ -19,17 +19,17 @@ class LensOptions(eqx.Module):
 
     Args:
         model: `keep` (the capture's lens) or the name of a `LensModel`.
-        fov: Field of view in degrees, which sets the focal length. Perspective models and
+        fov: field of view in degrees, which sets the focal length. Perspective models and
             equirectangular: across the width of the picture. Others: across its smaller side.
-        crop: Field of view in degrees beyond which a fisheye's picture is black; None is `fov`. It
+        crop: field of view in degrees beyond which a fisheye's picture is black; None is `fov`. It
             does not change the focal length.
-        k: Coefficients of the model.
-        sensor: Width and height of the sensor in mm, on which a fisheye_polynomial has its focal
+        k: coefficients of the model.
+        sensor: width and height of the sensor in mm, on which a fisheye_polynomial has its focal
             length (its smaller side is the picture's, its shape follows the picture's); empty is
             the focal length that `fov` says.
-        fov_y: Angle from top to bottom in degrees (equirectangular).
-        polynomial: Direction of the polynomial, angle_of_radius or radius_of_angle (f_theta).
-        file: Table of directions, .npz or .exr (table).
+        fov_y: angle from top to bottom in degrees (equirectangular).
+        polynomial: direction of the polynomial, angle_of_radius or radius_of_angle (f_theta).
+        file: table of directions, .npz or .exr (table).
     """
 
     model: str = eqx.field(static=True, default="keep")
@@ -80,18 +80,18 @@ class LensModel:
 
     Args:
         name: `lens.model` of the configuration; empty if the model occurs in captures alone.
-        label: Effect that frames through this lens show.
-        from_options: Builds the lens for a film from the user's few numbers, axis in the middle.
+        label: effect that frames through this lens show.
+        from_options: builds the lens for a film from the user's few numbers, axis in the middle.
         block: `model` in the `lens` block of a capture's JSON; empty if it needs no block.
-        camera_models: Values of `camera_model` in a capture's JSON that mean this model.
-        from_keys: Builds the lens from the keys of a frame, those of its `lens` block and a dtype.
-        frame_keys: Keys of a frame that belong to the model (`fl_x fl_y cx cy` go without saying).
-        block_keys: Keys of its `lens` block.
-        perspective: Whether the lens is a pinhole with distortion: `fov` is that of the width,
+        camera_models: values of `camera_model` in a capture's JSON that mean this model.
+        from_keys: builds the lens from the keys of a frame, those of its `lens` block and a dtype.
+        frame_keys: keys of a frame that belong to the model (`fl_x fl_y cx cy` go without saying).
+        block_keys: keys of its `lens` block.
+        perspective: whether the lens is a pinhole with distortion: `fov` is that of the width,
             focus is on a plane, and without coefficients there is no effect.
-        widest: Largest `fov`, in degrees, with the coefficients of its config file.
-        any_size: A config file of the model suits pictures of any size and names no file.
-        option_keys: Keys of `LensOptions` that `from_options` reads; all others are refused.
+        widest: largest `fov`, in degrees, with the coefficients of its config file.
+        any_size: a config file of the model suits pictures of any size and names no file.
+        option_keys: keys of `LensOptions` that `from_options` reads; all others are refused.
     """
 
     name: str = ""
@@ -118,8 +118,8 @@ def focal_and_center(
     """Focal lengths and principal point of a frame's keys, in pixels.
 
     Args:
-        keys: The keys of the frame.
-        dtype: Precision of the arrays.
+        keys: the keys of the frame.
+        dtype: precision of the arrays.
     """
     remedy = ""
     if keys.has("camera_angle_x") and not keys.has("fl_x"):
@@ -138,8 +138,8 @@ def half_angle(options: LensOptions, widest: float = 180.0) -> float:
     """Half of `lens.fov`, in radians.
 
     Args:
-        options: The lens options.
-        widest: Largest half angle of the model, in degrees.
+        options: the lens options.
+        widest: largest half angle of the model, in degrees.
 
     Raises:
         ValueError: `lens.fov` is missing or too wide.
@@ -151,8 +151,8 @@ def half_crop(options: LensOptions, widest: float = 180.0) -> float:
     """Half of `lens.crop`, in radians: the angle from the axis beyond which a picture is black.
 
     Args:
-        options: The lens options; without `crop`, `fov` counts.
-        widest: Largest half angle of the model, in degrees.
+        options: the lens options; without `crop`, `fov` counts.
+        widest: largest half angle of the model, in degrees.
 
     Raises:
         ValueError: The angle is missing or too wide.
@@ -171,8 +171,8 @@ def coefficients_of(options: LensOptions, *counts: int) -> Float[np.ndarray, " c
     """The coefficients `lens.k`.
 
     Args:
-        options: The lens options.
-        counts: Allowed numbers of coefficients.
+        options: the lens options.
+        counts: allowed numbers of coefficients.
 
     Raises:
         ValueError: `lens.k` holds another number of them.

@@ -42,11 +42,11 @@ class Pinhole(ParametricLens):
     method.
 
     Args:
-        focal: Focal lengths in pixels, above 0; one number is both.
-        center: Principal point in pixels.
+        focal: focal lengths in pixels, above 0; one number is both.
+        center: principal point in pixels.
         distortion: 8, 12 or 14 coefficients in OpenCV's order, without unit (the last two in
             radians); as plain numbers also fewer than 8, the others being 0.
-        distorted: Whether the coefficients may differ from zero; False computes no distortion. By
+        distorted: whether the coefficients may differ from zero; False computes no distortion. By
             default an array of coefficients may, and plain numbers do if one is not 0.
 
     Raises:
@@ -144,8 +144,8 @@ def pinhole(
     """A perspective lens that computes distortion only if a coefficient is not zero, or traced.
 
     Args:
-        focal: Focal lengths in pixels.
-        center: Principal point in pixels.
+        focal: focal lengths in pixels.
+        center: principal point in pixels.
         distortion: 8, 12 or 14 coefficients in OpenCV's order; None is no distortion.
     """
     if distortion is None:

@@ -64,7 +64,7 @@ class RadialLens(ParametricLens):
 
         Args:
             model: `model` of the block.
-            values: Its other values, in this order.
+            values: its other values, in this order.
         """
         numbers = {key: x if isinstance(x, str) else json_numbers(x) for key, x in values.items()}
         return LensRecord({**self.intrinsics(), "lens": {"model": model, **numbers}})
@@ -90,8 +90,8 @@ class RadialLens(ParametricLens):
         """Check that `max_angle` is at most `widest` and that r(theta) increases up to it.
 
         Args:
-            widest: Largest half angle of view, in radians.
-            key: The parameter that the message names if r(theta) turns back.
+            widest: largest half angle of view, in radians.
+            key: the parameter that the message names if r(theta) turns back.
 
         Raises:
             ValueError: One of both does not hold.
@@ -150,11 +150,11 @@ def lens_of_options(
     `lens.fov` spans the smaller side of the film; beyond `lens.crop` the picture is black.
 
     Args:
-        film: Size of the picture.
-        options: The user's options, of which `fov` and `crop` are read.
-        lens: Builds the lens from focal lengths, principal point, `parameters` and half angle.
-        parameters: Further arrays of the lens.
-        widest: Largest half angle of view, in degrees.
+        film: size of the picture.
+        options: the user's options, of which `fov` and `crop` are read.
+        lens: builds the lens from focal lengths, principal point, `parameters` and half angle.
+        parameters: further arrays of the lens.
+        widest: largest half angle of view, in degrees.
     """
     center = to_device(film_size(film) / 2)
     angle, crop = (to_device(f(options, widest), jnp.float32) for f in (half_angle, half_crop))
@@ -175,10 +175,10 @@ def lens_of_keys(
     """A radial lens of a frame's keys.
 
     Args:
-        lens: Builds the lens from focal lengths, principal point and `parameters`.
-        keys: Keys of the frame, with focal lengths and principal point.
-        dtype: Precision of the arrays.
-        parameters: Further numbers of the lens; the last is the half angle of view in radians.
+        lens: builds the lens from focal lengths, principal point and `parameters`.
+        keys: keys of the frame, with focal lengths and principal point.
+        dtype: precision of the arrays.
+        parameters: further numbers of the lens; the last is the half angle of view in radians.
     """
     arrays = (to_device(values, dtype) for values in parameters)
     return lens(*focal_and_center(keys, dtype), *arrays)

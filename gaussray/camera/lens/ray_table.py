@@ -122,9 +122,9 @@ def ray_table(rays: Float[Array, "rows columns 3"], width: int, height: int) -> 
     """A lens from directions that cover a picture in equal cells.
 
     Args:
-        rays: Unit direction at the centre of each cell, OpenCV axes; zero where no light arrives.
+        rays: unit direction at the centre of each cell, OpenCV axes; zero where no light arrives.
             A table of height x width directions holds one per pixel centre.
-        width, height: Size of the picture in pixels.
+        width, height: size of the picture in pixels.
     """
     every = jnp.array([width, height], rays.dtype) / jnp.array(rays.shape[1::-1], rays.dtype)
     return RayTable(every, every / 2, rays)

@@ -15,9 +15,9 @@ def filter_mask(pattern: str, height: int, width: int) -> Bool[np.ndarray, "h w 
     """The colour channel of each pixel's filter, as a mask of red, green and blue.
 
     Args:
-        pattern: One of `PATTERNS`.
-        height: Height of the picture in pixels.
-        width: Width of the picture in pixels.
+        pattern: one of `PATTERNS`.
+        height: height of the picture in pixels.
+        width: width of the picture in pixels.
     """
     row, column = np.mgrid[:height, :width]
     channel = np.array(["RGB".index(letter) for letter in pattern])
@@ -30,8 +30,8 @@ def mosaic(light: Float[Array, "h w 3"], pattern: str) -> Float[Array, "h w 3"]:
     The sum of the channels is the raw picture.
 
     Args:
-        light: Linear red, green and blue.
-        pattern: One of `PATTERNS`.
+        light: linear red, green and blue.
+        pattern: one of `PATTERNS`.
     """
     return jnp.where(filter_mask(pattern, *light.shape[:2]), light, 0)
 
@@ -43,8 +43,8 @@ def demosaic(raw: Float[Array, "h w 3"], pattern: str) -> Float[Array, "h w 3"]:
     or else the four at distance sqrt 2 (fewer at the border).
 
     Args:
-        raw: The mosaic, each pixel with its own channel and 0 elsewhere.
-        pattern: One of `PATTERNS`.
+        raw: the mosaic, each pixel with its own channel and 0 elsewhere.
+        pattern: one of `PATTERNS`.
     """
     filtered = filter_mask(pattern, *raw.shape[:2])
     total = _blurred(jnp, raw)

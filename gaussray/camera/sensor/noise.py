@@ -16,7 +16,7 @@ def picture_key(seed: int, name: str) -> PRNGKeyArray:
 
     Args:
         seed: `sensor.seed`.
-        name: Name of the picture.
+        name: name of the picture.
     """
     key = jax.random.key(seed)
     for word in np.frombuffer(hashlib.sha256(name.encode()).digest()[:8], "<u4"):
@@ -36,10 +36,10 @@ def add_noise(
     result may be negative. The gradient is that of the mean.
 
     Args:
-        key: Random key.
-        light: Linear light, 1 is `full_well` electrons.
-        full_well: Electrons, above 0.
-        read_noise: Standard deviation of the read noise, in electrons.
+        key: random key.
+        light: linear light, 1 is `full_well` electrons.
+        full_well: electrons, above 0.
+        read_noise: standard deviation of the read noise, in electrons.
     """
     shot, read = jax.random.split(key)
     mean = full_well * jnp.maximum(light, 0)

@@ -20,9 +20,9 @@ def apply_tone_curve(
     multiply the light by 0.6). `table` is the response of a camera.
 
     Args:
-        light: Linear light.
-        curve: One of `TONE_CURVES`.
-        table: Stored values at even steps of light from 0 to 1, for `table`; linear in between.
+        light: linear light.
+        curve: one of `TONE_CURVES`.
+        table: stored values at even steps of light from 0 to 1, for `table`; linear in between.
 
     Returns:
         Stored values, in [0, 1] for light in [0, 1].

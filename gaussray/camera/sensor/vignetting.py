@@ -27,9 +27,9 @@ def transmission(
     picture, 1 in the corners, with the even polynomial of Goldman and Chen (2005), cut at 0.
 
     Args:
-        lens: The lens.
-        film: Size of the picture.
-        falloff: Exponent of the natural vignetting.
+        lens: the lens.
+        film: size of the picture.
+        falloff: exponent of the natural vignetting.
         polynomial: a1, a2, a3.
     """
     pixel = pixel_grid(film).astype(polynomial.dtype) + 0.5

@@ -26,10 +26,10 @@ class KnownCamera:
     """A calibrated camera.
 
     Args:
-        name: Its name in the file.
-        lens: Keys of a capture's JSON; pixel centres at 0.5. `w` and `h` are 0 where the file does
+        name: its name in the file.
+        lens: keys of a capture's JSON; pixel centres at 0.5. `w` and `h` are 0 where the file does
             not say them.
-        pose: World to camera [3, 4], OpenCV axes.
+        pose: world to camera [3, 4], OpenCV axes.
     """
 
     name: str
@@ -42,8 +42,8 @@ class Calibration:
     """What a file says about the cameras of a rig.
 
     Args:
-        cameras: Those that have a lens and a pose.
-        left_out: For each other camera, by name, what the file lacks or says of it.
+        cameras: those that have a lens and a pose.
+        left_out: for each other camera, by name, what the file lacks or says of it.
     """
 
     cameras: list[KnownCamera]

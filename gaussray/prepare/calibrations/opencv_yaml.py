@@ -62,8 +62,8 @@ def read_easymocap(intrinsics: Path, extrinsics: Path) -> list[KnownCamera]:
     no such keys, its number in `names`, from 1, as Pose2Sim's converter writes.
 
     Args:
-        intrinsics: The file of camera matrices and distortion.
-        extrinsics: The file of rotations and translations, world to camera (OpenCV).
+        intrinsics: the file of camera matrices and distortion.
+        extrinsics: the file of rotations and translations, world to camera (OpenCV).
 
     Raises:
         PrepareError: A file is no YAML of OpenCV, or lacks a matrix.

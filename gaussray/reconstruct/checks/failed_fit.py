@@ -74,10 +74,10 @@ def demand_success(scene: Scene, report: dict[str, Any], capture: Capture, start
     """Refuse the scene of a failed fit, before it is written.
 
     Args:
-        scene: The scene after pruning.
-        report: The report of pruning; `psnr` and `one_color` are the PSNR of the fit and that of
+        scene: the scene after pruning.
+        report: the report of pruning; `psnr` and `one_color` are the PSNR of the fit and that of
             the mean colour of every camera, in dB, on the same training pixels.
-        capture: The capture, in which the cause is looked for.
+        capture: the capture, in which the cause is looked for.
         start: fit.start, which points the fit began with.
 
     Raises:

@@ -36,8 +36,8 @@ def division_sentence(capture: Capture, chosen: bool) -> str:
     """How many pictures are fitted and how many held out, why, and how to change that.
 
     Args:
-        capture: The capture, of which some pictures are for training.
-        chosen: Whether capture.test was set; otherwise the capture's format decides.
+        capture: the capture, of which some pictures are for training.
+        chosen: whether capture.test was set; otherwise the capture's format decides.
     """
     held = [view for view in capture.views if view.split != "train"]
     fitted = len(capture.views) - len(held)

@@ -86,11 +86,11 @@ def relocate(
     kind, so that a scene gets as many of each kind as it needs.
 
     Args:
-        populations: The Gaussians of every kind; the numbers of rows stay.
-        key: Random key of the draws.
-        opacity: At most this opacity is dead.
-        limit: The budget: no Gaussians are added beyond it.
-        growth: Factor by which the number grows.
+        populations: the Gaussians of every kind; the numbers of rows stay.
+        key: random key of the draws.
+        opacity: at most this opacity is dead.
+        limit: the budget: no Gaussians are added beyond it.
+        growth: factor by which the number grows.
 
     Returns:
         The Gaussians of every kind, and which rows have changed: their moments must start again

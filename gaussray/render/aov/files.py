@@ -40,8 +40,8 @@ def with_label_files(records: Sequence[FrameRecord], labels: Sequence[str]) -> l
     `images/sharp/fisheye/cam00/0003.png`.
 
     Args:
-        records: The frames.
-        labels: Names of labels.
+        records: the frames.
+        labels: names of labels.
 
     Returns:
         The frames with the paths of their labels, then those of the ground-truth pictures.
@@ -60,8 +60,8 @@ def neighbour_cameras(
     """The cameras of the previous and the next frame of each frame, of one camera name and effect.
 
     Args:
-        records: The frames.
-        interval: Time to the neighbours of a single frame, in the capture's unit; 0 gives it none.
+        records: the frames.
+        interval: time to the neighbours of a single frame, in the capture's unit; 0 gives it none.
 
     Returns:
         Previous and next camera by file.
@@ -89,8 +89,8 @@ def labels_exist(out: Path, record: FrameRecord) -> bool:
     """Whether all label files of a frame exist.
 
     Args:
-        out: Folder of the dataset.
-        record: The frame.
+        out: folder of the dataset.
+        record: the frame.
     """
     return all((out / path).exists() for path in _label_files(record).values())
 
@@ -108,12 +108,12 @@ def write_labels(
     The cores compress files while the device computes the next labels.
 
     Args:
-        out: Folder of the dataset.
-        records: All frames; flow needs the neighbours of a frame.
-        assigned: Pictures whose labels are written.
-        labels: Names of the labels.
-        labeller: Computes them.
-        interval: Time to the neighbours of a single frame, in the capture's unit.
+        out: folder of the dataset.
+        records: all frames; flow needs the neighbours of a frame.
+        assigned: pictures whose labels are written.
+        labels: names of the labels.
+        labeller: computes them.
+        interval: time to the neighbours of a single frame, in the capture's unit.
     """
     near = neighbour_cameras([r for r in records if r.effect not in PICTURE_LABELS], interval)
     waiting: deque[tuple[FrameRecord, Future[None]]] = deque()

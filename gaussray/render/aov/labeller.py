@@ -66,9 +66,9 @@ class Labeller:
     scene moves by key states, also with `render.chunk_rows`.
 
     Args:
-        scene: The scene; clips of several segments have no labels.
-        options: Only `keys` and `memory` have an effect; labels have one ray per pixel.
-        trace: Options of the tracer.
+        scene: the scene; clips of several segments have no labels.
+        options: only `keys` and `memory` have an effect; labels have one ray per pixel.
+        trace: options of the tracer.
     """
 
     def __init__(self, scene: Scene, *, options: RenderOptions, trace: TraceOptions):
@@ -88,10 +88,10 @@ class Labeller:
         """Compute the labels of one frame.
 
         Args:
-            camera: The camera of the frame.
-            names: Names of `LABELS`; `PICTURE_LABELS` are ignored, because they are pictures.
-            before: The camera of the previous frame, for backward flow.
-            after: The camera of the next frame, for forward flow.
+            camera: the camera of the frame.
+            names: names of `LABELS`; `PICTURE_LABELS` are ignored, because they are pictures.
+            before: the camera of the previous frame, for backward flow.
+            after: the camera of the next frame, for forward flow.
 
         Returns:
             An array [h, w] or [h, w, channels] for each name: integers for `INTEGER_LABELS`,

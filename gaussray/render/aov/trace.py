@@ -59,9 +59,9 @@ class LabelSettings(NamedTuple):
     """How labels are traced.
 
     Args:
-        trace: Options of the tracer.
-        keys: Number of key states.
-        capacity: List sizes.
+        trace: options of the tracer.
+        keys: number of key states.
+        capacity: list sizes.
     """
 
     trace: TraceOptions
@@ -73,10 +73,10 @@ class _Surfaces(NamedTuple):
     """The surfaces that the rays of a part hit, with a leading axis of one device.
 
     Args:
-        labels: Labels of the surfaces.
-        rays: The chief rays.
-        scene: The scene, prepared for the array backend.
-        lists: Its candidate lists.
+        labels: labels of the surfaces.
+        rays: the chief rays.
+        scene: the scene, prepared for the array backend.
+        lists: its candidate lists.
     """
 
     labels: dict[str, Any]
@@ -97,12 +97,12 @@ def trace_labels(
     """The labels of these names for every pixel.
 
     Args:
-        scene: The scene.
-        cameras: The camera of the frame, and its neighbours.
-        part: The pixels that are traced.
-        pixel: Their indices (column, row), in rows.
-        names: Names of labels.
-        settings: How to trace; list sizes grow until nothing is dropped.
+        scene: the scene.
+        cameras: the camera of the frame, and its neighbours.
+        part: the pixels that are traced.
+        pixel: their indices (column, row), in rows.
+        names: names of labels.
+        settings: how to trace; list sizes grow until nothing is dropped.
 
     Returns:
         The labels, and the list sizes that were enough.

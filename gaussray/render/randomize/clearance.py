@@ -58,9 +58,9 @@ class FreeSpace:
     lets less than half of the light through, by the hits of the tracer.
 
     Args:
-        scene: The scene.
-        cameras: The cameras of its capture; their own places are free.
-        trace: Smallest and largest alpha.
+        scene: the scene.
+        cameras: the cameras of its capture; their own places are free.
+        trace: smallest and largest alpha.
     """
 
     def __init__(self, scene: Scene | Clip, cameras: Sequence[Camera], trace: TraceOptions):
@@ -92,8 +92,8 @@ class FreeSpace:
         """Check the places of a camera at the first, the middle and the last time of a frame.
 
         Args:
-            camera: The camera.
-            clearance: Least distance to anything opaque, as a share of `length`.
+            camera: the camera.
+            clearance: least distance to anything opaque, as a share of `length`.
 
         Raises:
             ObstructedError: One of the places is not free.

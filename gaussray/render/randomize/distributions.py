@@ -28,10 +28,10 @@ def uniform_number(seed: int, index: int, attempt: int, key: str) -> float:
     order and of all other keys. Adding a key does not change the numbers of the others.
 
     Args:
-        seed: Random seed.
-        index: Index of the sample.
-        attempt: Number of the attempt, from 0.
-        key: Name of the key.
+        seed: random seed.
+        index: index of the sample.
+        attempt: number of the attempt, from 0.
+        key: name of the key.
     """
     digest = hashlib.sha256(f"{seed}/{index}/{attempt}/{key}".encode()).digest()
     return ((int.from_bytes(digest[:8], "big") >> 12) + 0.5) * 2.0**-52
@@ -44,8 +44,8 @@ def read_distributions(tree: Mapping[str, Any], name: str = "sample") -> dict[st
     group there may be distributions of the group's keys.
 
     Args:
-        tree: A tree that is nested as the keys are.
-        name: Name of the tree, for messages.
+        tree: a tree that is nested as the keys are.
+        name: name of the tree, for messages.
 
     Returns:
         The distribution of every key.
@@ -64,10 +64,10 @@ def draw_values(
     """Draw a value for every key.
 
     Args:
-        seed: Random seed.
-        index: Index of the sample.
-        attempt: Number of the attempt, from 0.
-        specs: Distribution of every key.
+        seed: random seed.
+        index: index of the sample.
+        attempt: number of the attempt, from 0.
+        specs: distribution of every key.
     """
     return {
         key: draw_value(spec, lambda name: uniform_number(seed, index, attempt, name), key)
@@ -157,8 +157,8 @@ def check_distribution(spec: Mapping[str, Any], label: str) -> None:
     """Check a distribution.
 
     Args:
-        spec: The distribution.
-        label: Its key, for messages.
+        spec: the distribution.
+        label: its key, for messages.
 
     Raises:
         ValueError: It is malformed; the message names key and rule.

@@ -43,11 +43,11 @@ class Sample(NamedTuple):
     """One sample of the distributions.
 
     Args:
-        index: Its index.
-        attempt: The first possible attempt, from 0.
-        values: The drawn values.
-        parameters: All parameters of the configuration.
-        job: The job that renders it.
+        index: its index.
+        attempt: the first possible attempt, from 0.
+        values: the drawn values.
+        parameters: all parameters of the configuration.
+        job: the job that renders it.
     """
 
     index: int
@@ -69,10 +69,10 @@ def draw_sample(
     """Draw the sample of an index. It depends on the seed and the index alone.
 
     Args:
-        index: Index of the sample.
-        distributions: Distribution of every key.
-        make_job: Makes parameters and job of drawn values.
-        options: Seed and number of attempts. Cameras in objects have at least 101 attempts.
+        index: index of the sample.
+        distributions: distribution of every key.
+        make_job: makes parameters and job of drawn values.
+        options: seed and number of attempts. Cameras in objects have at least 101 attempts.
 
     Raises:
         ValueError: All attempts have drawn values that are impossible.
@@ -119,12 +119,12 @@ def generate_samples(
     shows the first ten samples as soon as they exist.
 
     Args:
-        out: Folder of the dataset.
-        distributions: Distribution of every key.
-        make_job: Makes parameters and job of drawn values.
-        options: Number of samples, seed, shard.
-        devices: Number of devices; None is all.
-        quiet: Whether to print no progress.
+        out: folder of the dataset.
+        distributions: distribution of every key.
+        make_job: makes parameters and job of drawn values.
+        options: number of samples, seed, shard.
+        devices: number of devices; None is all.
+        quiet: whether to print no progress.
 
     Returns:
         The number of samples, of all shards, that are still missing.
@@ -201,10 +201,10 @@ def refuse_other_samples(
     """Refuse a folder whose first sample of this shard was made with other values.
 
     Args:
-        out: Folder of the dataset.
-        distributions: Distribution of every key.
-        make_job: Makes parameters and job of drawn values.
-        options: Number of samples, seed, shard.
+        out: folder of the dataset.
+        distributions: distribution of every key.
+        make_job: makes parameters and job of drawn values.
+        options: number of samples, seed, shard.
 
     Raises:
         ValueError: It was; the message names the keys.

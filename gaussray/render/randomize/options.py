@@ -9,19 +9,19 @@ class DrawOptions(eqx.Module):
     A sample depends on `seed` and its index alone.
 
     Args:
-        count: Number of samples to draw from `sample`; 0 is one, without drawing.
-        frames: Successive frames of each sample, from a random one of the chosen cameras and times;
+        count: number of samples to draw from `sample`; 0 is one, without drawing.
+        frames: successive frames of each sample, from a random one of the chosen cameras and times;
             0 is all of them.
-        seed: Random seed.
-        redraws: Attempts to replace an impossible sample; 0 refuses it. With redraws, samples
+        seed: random seed.
+        redraws: attempts to replace an impossible sample; 0 refuses it. With redraws, samples
             follow the distributions restricted to what is possible.
-        clearance: Least distance from a camera to anything opaque, as a share of the median
+        clearance: least distance from a camera to anything opaque, as a share of the median
             distance from the capture's cameras to what they see (without a capture, of the radius
             of the scene). Cameras that are nearer, in an object or behind one are drawn again
             (`clearance.FreeSpace`); places of the capture's own cameras are free. 0 allows all.
         shard: i/n: this process renders the samples i, i + n, i + 2n, ...
-        shards: Number of processes that Hydra's launcher starts.
-        layout: Layout of a published dataset in which the samples are also written
+        shards: number of processes that Hydra's launcher starts.
+        layout: layout of a published dataset in which the samples are also written
             (`dataset.layouts`); empty for none.
 
     Raises:

@@ -21,8 +21,8 @@ def write_preview(out: Path, count: int) -> None:
     """Write the contact sheet of a dataset, if its first samples are complete.
 
     Args:
-        out: Folder of the dataset.
-        count: Number of its samples.
+        out: folder of the dataset.
+        count: number of its samples.
     """
     lines = [out / folder_of(index) / LINE for index in range(min(count, PREVIEWED))]
     if all(line.exists() for line in lines):

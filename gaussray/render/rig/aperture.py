@@ -16,18 +16,18 @@ class ApertureOptions(eqx.Module):
     """Aperture and focus of the cameras.
 
     Args:
-        radius: In scene units; 0 is a pinhole, None the capture's own aperture.
-        focus_distance: In scene units.
+        radius: in scene units; 0 is a pinhole, None the capture's own aperture.
+        focus_distance: in scene units.
         focus: "plane" or "sphere".
-        blades: Number of blades; 0 is round.
-        rotation: Rotation of the blades, in radians.
-        ratio: Anamorphic ratio, which divides the horizontal radius.
-        focus_times: Times of a focus pull, in the capture's unit (`FocusPull`).
-        focus_distances: Focus distance at each of these times, in scene units.
-        focus_ease: Interpolation of the focus pull: "linear" or "smooth".
-        rim_radius: Radius of a second rim that clips oblique rays, in scene units (optical
+        blades: number of blades; 0 is round.
+        rotation: rotation of the blades, in radians.
+        ratio: anamorphic ratio, which divides the horizontal radius.
+        focus_times: times of a focus pull, in the capture's unit (`FocusPull`).
+        focus_distances: focus distance at each of these times, in scene units.
+        focus_ease: interpolation of the focus pull: "linear" or "smooth".
+        rim_radius: radius of a second rim that clips oblique rays, in scene units (optical
             vignetting, `Rim`).
-        rim_distance: Distance of that rim from the aperture; both 0 is no rim.
+        rim_distance: distance of that rim from the aperture; both 0 is no rim.
     """
 
     radius: float | None = eqx.field(static=True, default=None)
@@ -47,8 +47,8 @@ def build_aperture(camera: Camera, options: ApertureOptions) -> Aperture:
     """Build an aperture.
 
     Args:
-        camera: The camera, whose own aperture stays if `options.radius` is None.
-        options: The options.
+        camera: the camera, whose own aperture stays if `options.radius` is None.
+        options: the options.
 
     Raises:
         ValueError: A value breaks its rule.

@@ -20,9 +20,9 @@ class FilmOptions(eqx.Module):
 
     Args:
         filter: keep (the capture's), center, box, gaussian or blackman_harris.
-        filter_width: Width of the filter in pixels, in total; None is the capture's.
-        size: Width and height in pixels; empty is the capture's.
-        fit: View of pictures of another shape: "width" keeps the capture's horizontal field of
+        filter_width: width of the filter in pixels, in total; None is the capture's.
+        size: width and height in pixels; empty is the capture's.
+        fit: view of pictures of another shape: "width" keeps the capture's horizontal field of
             view, "crop" cuts the capture's view, "letterbox" contains all of it.
     """
 
@@ -49,8 +49,8 @@ def apply_film(camera: Camera, options: FilmOptions) -> Camera:
     The lens shows the same view on the new pixels, and the readout of that view takes as long.
 
     Args:
-        camera: The camera.
-        options: The options.
+        camera: the camera.
+        options: the options.
 
     Raises:
         ValueError: A value breaks its rule.
@@ -85,9 +85,9 @@ def visible_part(
     """The part of a picture that a picture of another size shows; both have one centre.
 
     Args:
-        picture: Width and height of the picture, in pixels.
-        size: Width and height of the other one.
-        fit: As for `FilmOptions`.
+        picture: width and height of the picture, in pixels.
+        size: width and height of the other one.
+        fit: as for `FilmOptions`.
 
     Returns:
         Left, top, width and height in pixels of the first picture; it may exceed its edges.

@@ -19,8 +19,8 @@ def build_lens(film: Film, options: LensOptions) -> AbstractLens:
     """The lens of these options for pictures of this size, its axis in their middle.
 
     Args:
-        film: Size of the pictures.
-        options: Model, field of view and coefficients; `lens.model` is not `keep`.
+        film: size of the pictures.
+        options: model, field of view and coefficients; `lens.model` is not `keep`.
 
     Raises:
         ValueError: If the options are no valid lens; the message names the key and its rule.

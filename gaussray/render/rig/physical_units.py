@@ -27,18 +27,18 @@ class PhysicalOptions(eqx.Module):
     """Settings of a real camera; None is not given.
 
     Args:
-        focal_length: In mm.
-        sensor: Width and height in mm.
-        f_number: Focal length / diameter of the aperture.
-        focus_distance: In metres.
-        breathing: Whether the image distance is that of a thin lens instead of the focal length, so
+        focal_length: in mm.
+        sensor: width and height in mm.
+        f_number: focal length / diameter of the aperture.
+        focus_distance: in metres.
+        breathing: whether the image distance is that of a thin lens instead of the focal length, so
             that the field of view changes with the focus.
-        readout: In ms.
-        exposure: In ms.
-        shutter_angle: In degrees of a frame's 360.
-        frame_rate: Frames per second.
-        units_per_metre: Scene units per metre.
-        seconds_per_unit: Seconds per unit of the capture's time.
+        readout: in ms.
+        exposure: in ms.
+        shutter_angle: in degrees of a frame's 360.
+        frame_rate: frames per second.
+        units_per_metre: scene units per metre.
+        seconds_per_unit: seconds per unit of the capture's time.
 
     Raises:
         ValueError: A value breaks its rule, or lacks another one.
@@ -139,8 +139,8 @@ def apply_units(options: RigOptions, units: PhysicalOptions) -> RigOptions:
     """Set the rig's keys that physical settings determine.
 
     Args:
-        options: The rig.
-        units: The physical settings.
+        options: the rig.
+        units: the physical settings.
 
     Raises:
         ValueError: A key of the rig and a physical setting both say the same quantity, or a
@@ -213,8 +213,8 @@ def check_shape(units: PhysicalOptions, films: Iterable[Film]) -> None:
     """Check that the sensor has the shape of every picture, to half a pixel.
 
     Args:
-        units: The physical settings.
-        films: Sizes of the pictures.
+        units: the physical settings.
+        films: sizes of the pictures.
 
     Raises:
         ValueError: The shapes differ.
@@ -233,8 +233,8 @@ def units_record(options: RigOptions, units: PhysicalOptions) -> dict[str, Any]:
     Infinity is the text "infinity", because JSON has no such number.
 
     Args:
-        options: The rig.
-        units: The physical settings.
+        options: the rig.
+        units: the physical settings.
 
     Returns:
         The record; empty without settings.

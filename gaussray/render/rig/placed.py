@@ -40,17 +40,17 @@ class CameraOptions(eqx.Module):
             cameras of `split`) at the `times` (empty: all). The others need no capture: "look_at"
             stands still, "orbit" circles around `target`, "path" follows the poses of `file`.
         split: train or test.
-        names: Names of cameras, instead of a split.
-        times: Times of frames in the scene's unit.
-        eye: Position of the camera, of an orbit its first one. Empty is the position of one of the
+        names: names of cameras, instead of a split.
+        times: times of frames in the scene's unit.
+        eye: position of the camera, of an orbit its first one. Empty is the position of one of the
             capture's cameras; without a capture, one outside the scene that sees all of it.
-        target: The point in the middle of the picture; empty is the middle of the scene.
-        up: Direction that points up in the picture, the axis of an orbit. Empty is the direction
+        target: the point in the middle of the picture; empty is the middle of the scene.
+        up: direction that points up in the picture, the axis of an orbit. Empty is the direction
             that is up in the capture's pictures; without a capture, +z.
-        frames: Number of frames, evenly over the scene's times.
-        turns: Full turns of an orbit; negative is clockwise as seen from above.
-        file: Camera path (`capture.paths`).
-        clip_start: Nothing nearer to the camera is seen, in scene units. None is what the capture
+        frames: number of frames, evenly over the scene's times.
+        turns: full turns of an orbit; negative is clockwise as seen from above.
+        file: camera path (`capture.paths`).
+        clip_start: nothing nearer to the camera is seen, in scene units. None is what the capture
             says of its cameras (`Camera.clip_start`), and 0 for the others.
     """
 
@@ -92,9 +92,9 @@ def placed_views(
     camera is a pinhole of 50 degrees with pictures of 960 x 640.
 
     Args:
-        scene: The scene.
-        options: Kind, position and path of the camera.
-        views: Views of a capture.
+        scene: the scene.
+        options: kind, position and path of the camera.
+        views: views of a capture.
 
     Raises:
         ValueError: A value breaks its rule.

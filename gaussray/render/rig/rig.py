@@ -51,10 +51,10 @@ def frame_records(
     """The frames to render, each with its camera and the path of its picture.
 
     Args:
-        views: The views of a capture.
-        options: Which of them to render, and what to change about their cameras.
-        samples: Rays per pixel, for the record.
-        format: File format of the pictures: png (8-bit sRGB) or exr (linear light).
+        views: the views of a capture.
+        options: which of them to render, and what to change about their cameras.
+        samples: rays per pixel, for the record.
+        format: file format of the pictures: png (8-bit sRGB) or exr (linear light).
 
     Raises:
         ValueError: The options choose no frame, or no camera can be built from them.
@@ -165,8 +165,8 @@ def load_views(scene: Path | str, cameras: Path | str | None) -> list[View]:
     """Read the views of a capture, or those stored with a reconstructed scene.
 
     Args:
-        scene: The folder of a reconstruction, or a scene file in it; read if `cameras` is None.
-        cameras: A folder with a capture in any format, or a manifest (JSON).
+        scene: the folder of a reconstruction, or a scene file in it; read if `cameras` is None.
+        cameras: a folder with a capture in any format, or a manifest (JSON).
 
     Returns:
         One view per frame: camera, name, split, time and, for a capture, the picture.

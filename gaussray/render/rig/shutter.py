@@ -36,14 +36,14 @@ class ShutterOptions(eqx.Module):
 
     Args:
         kind: keep (the capture's own shutter), global, rolling, interlaced or table.
-        readout: Time from the first row to the last; the frame's time is in its middle.
-        exposure: Exposure time of each row.
-        direction: Order of readout, one of `camera.shutter.DIRECTIONS`.
-        row_step: Time from row to row, instead of `readout`.
-        field_time: Of an interlaced shutter, time from one field to the other.
-        first_field: The field that is read first: even (rows 0, 2, ...) or odd.
-        row_times: Of a table, time of each row relative to the frame's time.
-        trigger: Delay of every chosen camera, in the order of camera.names or of the capture; one
+        readout: time from the first row to the last; the frame's time is in its middle.
+        exposure: exposure time of each row.
+        direction: order of readout, one of `camera.shutter.DIRECTIONS`.
+        row_step: time from row to row, instead of `readout`.
+        field_time: of an interlaced shutter, time from one field to the other.
+        first_field: the field that is read first: even (rows 0, 2, ...) or odd.
+        row_times: of a table, time of each row relative to the frame's time.
+        trigger: delay of every chosen camera, in the order of camera.names or of the capture; one
             value is for all. It applies to any kind.
     """
 
@@ -68,8 +68,8 @@ def trigger_delays(options: ShutterOptions, names: Sequence[str]) -> dict[str, F
     """Trigger delay of each camera by its name; empty without delays.
 
     Args:
-        options: The options.
-        names: Names of the chosen cameras.
+        options: the options.
+        names: names of the chosen cameras.
 
     Raises:
         ValueError: There are neither one nor as many delays as cameras.
@@ -89,9 +89,9 @@ def build_shutter(
     """Build a shutter.
 
     Args:
-        camera: The camera, whose own shutter stays with `kind="keep"`.
-        options: The options.
-        delay: Trigger delay of the camera; None keeps the shutter's own.
+        camera: the camera, whose own shutter stays with `kind="keep"`.
+        options: the options.
+        delay: trigger delay of the camera; None keeps the shutter's own.
 
     Raises:
         ValueError: A value breaks its rule.

@@ -25,15 +25,15 @@ class TrajectoryOptions(eqx.Module):
     Args:
         kind: keep (the capture's poses), between (through the poses of the chosen cameras, in their
             order, at even intervals over the chosen times) or path (the poses in `file`).
-        steps: Number of frames of between and path.
-        interpolation: Between poses: linear or spline.
-        file: File of a path (`capture.paths`).
-        clock: Times of a path: span (its first and last pose are at the first and last of the
+        steps: number of frames of between and path.
+        interpolation: between poses: linear or spline.
+        file: file of a path (`capture.paths`).
+        clock: times of a path: span (its first and last pose are at the first and last of the
             chosen times) or file (its own times, in the capture's unit).
-        shake_degrees: Rotation of a camera shake, standard deviation per axis (`camera.shake`).
-        shake_distance: Translation of a camera shake, standard deviation per axis, in scene units.
-        shake_time: Correlation time of a camera shake, in the capture's unit.
-        shake_seed: Seed of a camera shake; camera i uses `shake_seed` + i.
+        shake_degrees: rotation of a camera shake, standard deviation per axis (`camera.shake`).
+        shake_distance: translation of a camera shake, standard deviation per axis, in scene units.
+        shake_time: correlation time of a camera shake, in the capture's unit.
+        shake_seed: seed of a camera shake; camera i uses `shake_seed` + i.
     """
 
     kind: str = eqx.field(static=True, default="keep")
@@ -53,8 +53,8 @@ def move_cameras(
     """Give frames the trajectory and the camera shake of the options.
 
     Args:
-        frames: Camera name, split and camera of each frame.
-        options: The options.
+        frames: camera name, split and camera of each frame.
+        options: the options.
 
     Returns:
         The same frames, or those of one moving camera.

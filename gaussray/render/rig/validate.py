@@ -19,8 +19,8 @@ def check_cameras(options: RigOptions, records: Sequence[FrameRecord]) -> None:
     `camera.aperture.Aperture`, `physical_units`).
 
     Args:
-        options: The rig.
-        records: The frames.
+        options: the rig.
+        records: the frames.
 
     Raises:
         ValueError: A value breaks its rule; the message names the key.

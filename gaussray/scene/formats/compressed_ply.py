@@ -123,8 +123,8 @@ def smallest_three(
     """Unit quaternions of which three components are given.
 
     Args:
-        largest: Index of the missing component, the largest.
-        three: The other components, in order.
+        largest: index of the missing component, the largest.
+        three: the other components, in order.
     """
     quat, rows = np.empty((len(three), 4)), np.arange(len(three))
     # The places of the others: 0 1 2 without the largest, shifted behind it.

@@ -88,9 +88,9 @@ def model_scene(
     """Read a trained model of another program as a scene.
 
     Args:
-        source: As for `import_model`.
-        color: As for `import_model`.
-        iteration: As for `import_model`.
+        source: as for `import_model`.
+        color: as for `import_model`.
+        iteration: as for `import_model`.
 
     Returns:
         The scene, the file that it was read from, and the error of its colours
@@ -177,10 +177,10 @@ def gaussians_at(
     """The Gaussians of a scene at one time, as files hold them.
 
     Args:
-        scene: The scene.
-        time: In the unit of the scene's time range; may be None for a static scene.
-        color: As for `export_model`.
-        degree: As for `export_model`.
+        scene: the scene.
+        time: in the unit of the scene's time range; may be None for a static scene.
+        color: as for `export_model`.
+        degree: as for `export_model`.
 
     Returns:
         The Gaussians, and a text about their colours.

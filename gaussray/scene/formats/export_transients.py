@@ -29,10 +29,10 @@ def export_transients(scene: Scene | Clip, out: Path | str, *, color: str, degre
     becomes the Gaussian of the same area: its deviation grows by 2 plateau / sqrt(2 pi).
 
     Args:
-        scene: The scene.
-        out: The file, `.ply`; programs expect `.ftgs.ply`.
+        scene: the scene.
+        out: the file, `.ply`; programs expect `.ftgs.ply`.
         color: `srgb` or `linear`, as for `export_model`.
-        degree: Degree of the harmonics, at least the scene's.
+        degree: degree of the harmonics, at least the scene's.
 
     Returns:
         A line about what was written.

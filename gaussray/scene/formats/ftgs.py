@@ -60,7 +60,7 @@ def write_ftgs(path: Path | str, transients: Transients) -> None:
     """Write transient Gaussians as a `.ftgs.ply` file.
 
     Args:
-        path: The file.
+        path: the file.
         transients: Gaussians without plateaus, whose times are 0 to 1.
 
     Raises:

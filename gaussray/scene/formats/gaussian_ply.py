@@ -64,8 +64,8 @@ def model_columns(path: Path | str, more: tuple[str, ...] = ()) -> tuple[np.ndar
     """Columns of the valid Gaussians of a PLY file.
 
     Args:
-        path: The file.
-        more: Names of further properties.
+        path: the file.
+        more: names of further properties.
 
     Returns:
         Mean, quaternion, log scale, logit of opacity, harmonics, and the further properties
@@ -203,8 +203,8 @@ def demand_valid(path: Path | str, valid: Bool[np.ndarray, " gaussians"]) -> Non
     """Refuse a file without a finite Gaussian; warn of how many are dropped.
 
     Args:
-        path: The file, for the message.
-        valid: Which Gaussians are finite.
+        path: the file, for the message.
+        valid: which Gaussians are finite.
 
     Raises:
         ValueError: None is.

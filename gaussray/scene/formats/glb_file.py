@@ -118,9 +118,9 @@ def write_glb(
     """Write a document with vertex attributes, whose accessors have the order of the mapping.
 
     Args:
-        path: The file.
-        document: The JSON, without buffers, buffer views and accessors.
-        attributes: Arrays [count, components] of float32 or uint8 (normalised), by semantic.
+        path: the file.
+        document: the JSON, without buffers, buffer views and accessors.
+        attributes: arrays [count, components] of float32 or uint8 (normalised), by semantic.
 
     Raises:
         ValueError: The file would be larger than 4 GB.

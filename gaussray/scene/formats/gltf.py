@@ -39,8 +39,8 @@ def write_gltf(path: Path | str, gaussians: Gaussians, color: str) -> None:
     the constant harmonic.
 
     Args:
-        path: The file.
-        gaussians: The Gaussians, whose colours are in the colour space of the file.
+        path: the file.
+        gaussians: the Gaussians, whose colours are in the colour space of the file.
         color: `srgb` or `linear`, which the file states.
 
     Raises:
@@ -200,8 +200,8 @@ def transform_columns(
     """Gaussians after a transform to a world whose y is up, in the axes of PLY files.
 
     Args:
-        columns: Means, quaternions x y z w, scales, and harmonics.
-        matrix: From their axes to the world.
+        columns: means, quaternions x y z w, scales, and harmonics.
+        matrix: from their axes to the world.
 
     Returns:
         Means, unit quaternions w x y z, scales, and harmonics; None if the matrix has different
@@ -233,8 +233,8 @@ def rotated_harmonics(
     is exact.
 
     Args:
-        turn: Rotation matrix.
-        coefficients: Number of harmonics.
+        turn: rotation matrix.
+        coefficients: number of harmonics.
     """
     direction = np.random.default_rng(0).normal(size=(3, 64))
     direction /= np.linalg.norm(direction, axis=0)

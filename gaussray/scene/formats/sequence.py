@@ -33,13 +33,13 @@ def export_sequence(
     """Export a scene at evenly spaced timestamps, the first and last of its range included.
 
     Args:
-        scene: The scene.
-        out: Folder of the files `frame_0000.ply` and so on, and of `times.json`; with `usd` the
+        scene: the scene.
+        out: folder of the files `frame_0000.ply` and so on, and of `times.json`; with `usd` the
             file, which holds all timestamps.
-        count: Number of timestamps.
-        color: As for `export_model`.
-        degree: As for `export_model`.
-        file_format: As for `export_model`.
+        count: number of timestamps.
+        color: as for `export_model`.
+        degree: as for `export_model`.
+        file_format: as for `export_model`.
 
     Returns:
         A line about what was written.

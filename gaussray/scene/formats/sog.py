@@ -41,7 +41,7 @@ def read_sog(path: Path | str) -> Gaussians:
     """The Gaussians of a SOG scene.
 
     Args:
-        path: The archive (`.sog`), the folder, or its meta.json.
+        path: the archive (`.sog`), the folder, or its meta.json.
 
     Raises:
         ValueError: The scene is of another version, damaged, or exceeds a limit.

@@ -57,12 +57,12 @@ def finite_gaussians(
     """The Gaussians whose numbers are finite; others are dropped with a warning.
 
     Args:
-        path: The file, for the message.
-        mean: Places.
-        quat: Quaternions w x y z of any length; one of length 0 is no rotation.
-        scale: Scales; those of 0 become very thin.
-        rgba: Colours and opacities as bytes.
-        above: Harmonics above degree 0.
+        path: the file, for the message.
+        mean: places.
+        quat: quaternions w x y z of any length; one of length 0 is no rotation.
+        scale: scales; those of 0 become very thin.
+        rgba: colours and opacities as bytes.
+        above: harmonics above degree 0.
 
     Raises:
         ValueError: None is finite.

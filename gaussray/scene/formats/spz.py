@@ -142,8 +142,8 @@ def write_spz(path: Path | str, gaussians: Gaussians, version: int = 3) -> None:
     Positions are kept to 2^-12 of a unit, scales to 3 %, colours and opacities to a 255th.
 
     Args:
-        path: The file.
-        gaussians: The Gaussians.
+        path: the file.
+        gaussians: the Gaussians.
         version: 3 (gzip) or 4 (Zstandard).
 
     Raises:

@@ -35,9 +35,9 @@ def write_usd(path: Path | str, states: Sequence[Gaussians], color: str) -> None
     """Write a scene at one timestamp or several, which become the time codes 0, 1, ...
 
     Args:
-        path: The file, `.usd`, `.usdc` (binary) or `.usda` (text).
-        states: The Gaussians of each timestamp, of one degree; their numbers may differ.
-        color: Colour space of their colours, `srgb` or `linear`.
+        path: the file, `.usd`, `.usdc` (binary) or `.usda` (text).
+        states: the Gaussians of each timestamp, of one degree; their numbers may differ.
+        color: colour space of their colours, `srgb` or `linear`.
 
     Raises:
         ValueError: usd-core is not installed, the ending is another, or a value is not finite.

@@ -49,17 +49,17 @@ class MarchInputs(NamedTuple):
     """Inputs of a march.
 
     Args:
-        table: Rows of the Gaussians (`table.gaussian_table`).
-        squared: Squared reach of each Gaussian, in standard deviations.
-        rays: The rays of all bundles, one bundle after the other.
+        table: rows of the Gaussians (`table.gaussian_table`).
+        squared: squared reach of each Gaussian, in standard deviations.
+        rays: the rays of all bundles, one bundle after the other.
         index: Gaussians of all lists.
-        start: Start of each bundle's list.
-        count: Length of each bundle's list.
-        layout: Columns of the rows.
-        each: Rays of a bundle.
-        longest: Length of the longest list.
-        alpha_max: Largest alpha of a hit.
-        transmittance_min: Transmittance at which a ray ends.
+        start: start of each bundle's list.
+        count: length of each bundle's list.
+        layout: columns of the rows.
+        each: rays of a bundle.
+        longest: length of the longest list.
+        alpha_max: largest alpha of a hit.
+        transmittance_min: transmittance at which a ray ends.
         differentiates_rays: 1 if gradients of the rays are wanted, else 0.
     """
 
@@ -81,18 +81,18 @@ class HitBuffers(NamedTuple):
     """Buffers of a thread for the hits of one bundle.
 
     Args:
-        t: Distance of every list entry on every ray, by blocks of `LANES` rays.
-        alpha: Opacity of every list entry where it peaks on every ray, before it is limited.
-        hits: Hits of every ray: the bits of the distance above those of the list entry.
-        length: Number of hits of every ray.
-        spare: Room for a run of hits.
-        head: The nearest hit of each run that is still to come.
-        place: Where it is among the hits of the ray.
-        lanes: Rays side by side (`new_lanes`).
-        blended: One Gaussian as each of these rays blends it.
-        used: Whether any of these rays has a weight of each key state.
-        weights: Weights of the control points of one ray.
-        harmonics: Harmonics of the direction of one ray.
+        t: distance of every list entry on every ray, by blocks of `LANES` rays.
+        alpha: opacity of every list entry where it peaks on every ray, before it is limited.
+        hits: hits of every ray: the bits of the distance above those of the list entry.
+        length: number of hits of every ray.
+        spare: room for a run of hits.
+        head: the nearest hit of each run that is still to come.
+        place: where it is among the hits of the ray.
+        lanes: rays side by side (`new_lanes`).
+        blended: one Gaussian as each of these rays blends it.
+        used: whether any of these rays has a weight of each key state.
+        weights: weights of the control points of one ray.
+        harmonics: harmonics of the direction of one ray.
     """
 
     t: Any

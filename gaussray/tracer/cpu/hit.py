@@ -25,12 +25,12 @@ class Layout(NamedTuple):
     """Columns of a row of `gaussian_table`.
 
     Args:
-        keys: Number of key states.
-        coefficients: Number of harmonics per channel.
-        window: First column of the time window; -1 without one.
-        opacity: Column of the opacity.
-        harmonics: First column of the harmonics.
-        tint: First column of the tint; -1 without one.
+        keys: number of key states.
+        coefficients: number of harmonics per channel.
+        window: first column of the time window; -1 without one.
+        opacity: column of the opacity.
+        harmonics: first column of the harmonics.
+        tint: first column of the tint; -1 without one.
     """
 
     keys: int
@@ -48,7 +48,7 @@ def meet_ray(a, m, o, d):
     In scene units and squared standard deviations; q is infinity for direction zero (`response`).
 
     Args:
-        a: A = S^-1 R^T of the Gaussian, nine entries row by row.
+        a: a = S^-1 R^T of the Gaussian, nine entries row by row.
         m: mean of the Gaussian, in scene units.
         o: origin of the ray, in scene units.
         d: unit direction of the ray.

@@ -93,10 +93,10 @@ class PixelGradients(NamedTuple):
     """What the rays saw, and gradients of the loss.
 
     Args:
-        total: Red, green, blue and depth of every ray.
-        end: Transmittance of every ray.
-        g: Gradients with respect to `total`.
-        g_end: Gradient with respect to `end`.
+        total: red, green, blue and depth of every ray.
+        end: transmittance of every ray.
+        g: gradients with respect to `total`.
+        g_end: gradient with respect to `end`.
     """
 
     total: Any

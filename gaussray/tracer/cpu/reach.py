@@ -30,10 +30,10 @@ class Sides(NamedTuple):
     """Bounds of bundles, as operands.
 
     Args:
-        normal: Normals of the five half-spaces, (bundles, 15).
-        offset: Their offsets, (bundles, 5).
+        normal: normals of the five half-spaces, (bundles, 15).
+        offset: their offsets, (bundles, 5).
         active: 1 for the control points that the bundle's times touch, (bundles, keys).
-        span: First and last time of the rays, within the motion's range of time, (bundles, 2).
+        span: first and last time of the rays, within the motion's range of time, (bundles, 2).
     """
 
     normal: Any
@@ -46,12 +46,12 @@ class Work(NamedTuple):
     """Buffers of a thread, of `TESTED_AT_ONCE` numbers each.
 
     Args:
-        room: How far each Gaussian reaches into the half-spaces; negative for those outside.
-        first: Time from its instant to the beginning of the bundle's, within its life.
-        last: Time to the end of the bundle's.
-        shrink: Square of how much smaller its ellipsoid is than at full opacity.
-        least: How far the half-space is from its way.
-        best: How far it reaches into one half-space.
+        room: how far each Gaussian reaches into the half-spaces; negative for those outside.
+        first: time from its instant to the beginning of the bundle's, within its life.
+        last: time to the end of the bundle's.
+        shrink: square of how much smaller its ellipsoid is than at full opacity.
+        least: how far the half-space is from its way.
+        best: how far it reaches into one half-space.
     """
 
     room: Any
