@@ -42,7 +42,7 @@ from gaussray.render.develop import develop_picture, write_picture
 from gaussray.render.frame import DevelopedFrame
 from gaussray.render.options import NO_SENSOR
 from gaussray.runtime.devices import cores
-from gaussray.tracer.trace import TraceOptions
+from gaussray.tracer.options import TraceOptions
 
 
 ROUNDS = 3

@@ -61,7 +61,8 @@ def first_picture(count: int, side: int) -> dict[str, Any]:
     began = time.perf_counter()
     from benchmarks.problem import cameras, dynamic_room
     from benchmarks.record import machine
-    from gaussray.render.renderer import Renderer, RenderOptions
+    from gaussray.render.options import RenderOptions
+    from gaussray.render.renderer import Renderer
     from gaussray.runtime.devices import DevicesOptions, start_devices
     from gaussray.scene.spare_rows import with_spare_rows
 

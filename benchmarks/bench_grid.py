@@ -23,7 +23,9 @@ from gaussray.tracer.grid import build_grid
 from gaussray.tracer.kernel_layout import gaussian_rows, grid_boxes
 from gaussray.tracer.measure import measure
 from gaussray.tracer.motion import Motion, merge_rest, still
-from gaussray.tracer.trace import TraceOptions, find_candidates, time_span
+from gaussray.tracer.options import TraceOptions
+from gaussray.tracer.prepare import time_span
+from gaussray.tracer.trace import find_candidates
 from gaussray.tracer.traverse import Capacity
 
 

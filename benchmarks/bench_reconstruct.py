@@ -27,7 +27,7 @@ from benchmarks.kernels import kernel_seconds
 from benchmarks.problem import SAMPLE, dynamic_room
 from benchmarks.record import backend, begin, record, show
 from benchmarks.room_capture import write_capture
-from gaussray.tracer.trace import TraceOptions
+from gaussray.tracer.options import TraceOptions
 
 
 # Steps that are compiled and timed as one.

@@ -29,7 +29,7 @@ from benchmarks.problem import SAMPLE, cameras, dynamic_room
 from benchmarks.record import backend, begin, record, show
 from gaussray.render import Renderer, RenderOptions
 from gaussray.scene.store import load_scene
-from gaussray.tracer.trace import TraceOptions
+from gaussray.tracer.options import TraceOptions
 
 
 # Rays a pixel, and rows in a block (0: key states), of what is filmed in the room.

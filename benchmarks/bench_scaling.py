@@ -32,7 +32,7 @@ from gaussray.dataset.manifest import FrameRecord
 from gaussray.render import Renderer, RenderOptions
 from gaussray.render.dataset import render_dataset
 from gaussray.scene.scene import Scene
-from gaussray.tracer.trace import TraceOptions
+from gaussray.tracer.options import TraceOptions
 
 
 AXES = ("gaussians", "pixels", "samples", "hits", "devices")

@@ -20,8 +20,8 @@ from benchmarks.record import backend, begin, record, show, timed
 from gaussray.tracer.bundle import morton_tiles
 from gaussray.tracer.measure import measure
 from gaussray.tracer.motion import still
+from gaussray.tracer.options import TraceOptions
 from gaussray.tracer.shard import mesh, trace_sharded
-from gaussray.tracer.trace import TraceOptions
 
 
 def main(argv: Sequence[str] | None = None) -> None:

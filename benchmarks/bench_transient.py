@@ -21,7 +21,9 @@ from gaussray.scene.transient import Transients, transients_at
 from gaussray.tracer.bundle import morton_tiles
 from gaussray.tracer.measure import measure
 from gaussray.tracer.motion import Motion, still
-from gaussray.tracer.trace import TraceOptions, prepare, time_span, trace
+from gaussray.tracer.options import TraceOptions
+from gaussray.tracer.prepare import prepare, time_span
+from gaussray.tracer.trace import trace
 
 
 # When the picture is taken; the clip lasts from 0 to 1.

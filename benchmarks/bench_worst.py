@@ -34,7 +34,7 @@ from gaussray.render import RenderOptions
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.scene import Scene
 from gaussray.scene.store import load_scene
-from gaussray.tracer.trace import TraceOptions
+from gaussray.tracer.options import TraceOptions
 
 
 def main(argv: Sequence[str] | None = None) -> None:

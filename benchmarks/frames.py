@@ -15,7 +15,7 @@ from gaussray.render.frame_batch import TracedPart
 from gaussray.render.renderer import Frame
 from gaussray.scene.scene import Scene
 from gaussray.tracer.measure import enlarged_capacity
-from gaussray.tracer.trace import TraceOptions
+from gaussray.tracer.options import TraceOptions
 from gaussray.tracer.traverse import Capacity
 
 

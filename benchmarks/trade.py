@@ -37,7 +37,7 @@ from gaussray.camera.camera import Camera
 from gaussray.render import RenderOptions
 from gaussray.scene.scene import Scene
 from gaussray.scene.store import load_scene
-from gaussray.tracer.trace import TraceOptions
+from gaussray.tracer.options import TraceOptions
 
 
 AXES = (

@@ -25,7 +25,7 @@ from gaussray.config.jobs import render_job
 from gaussray.config.options import build_options
 from gaussray.config.schema import choices, groups, keys
 from gaussray.dataset.manifest import write_manifest
-from gaussray.evaluate.pipeline import EvaluateOptions
+from gaussray.evaluate.options import EvaluateOptions
 from gaussray.io import sample_data as samples
 from gaussray.io.sample_data import sample
 from gaussray.reconstruct import plan

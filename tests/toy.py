@@ -20,11 +20,11 @@ from gaussray.geometry import quaternion
 from gaussray.reconstruct.initialize.body_tracking import TrackOptions
 from gaussray.reconstruct.log import RunLog
 from gaussray.reconstruct.optimize.density import DensityOptions
-from gaussray.reconstruct.options import FitOptions
-from gaussray.reconstruct.pipeline import ReconstructOptions
+from gaussray.reconstruct.options import FitOptions, ReconstructOptions
 from gaussray.reconstruct.simplify.prune import PruneOptions
 from gaussray.render.dataset import render_dataset
-from gaussray.render.renderer import Renderer, RenderOptions
+from gaussray.render.options import RenderOptions
+from gaussray.render.renderer import Renderer
 from gaussray.scene.bodies import bodies_at_rest
 from gaussray.scene.control_points import ControlPoints
 from gaussray.scene.deformation import Deformation, FieldOptions, Layer, deform, initial_deformation
@@ -33,7 +33,7 @@ from gaussray.scene.harmonics import C0, constant_harmonics
 from gaussray.scene.planes import initial_planes
 from gaussray.scene.scene import Scene, at
 from gaussray.scene.transient import Transients
-from gaussray.tracer.trace import TraceOptions
+from gaussray.tracer.options import TraceOptions
 
 
 SIZE = 16

@@ -29,9 +29,10 @@ from gaussray.evaluate.metrics import psnr, ssim
 from gaussray.evaluate.pipeline import scene_size
 from gaussray.reconstruct.checks.failed_fit import FailedFit
 from gaussray.reconstruct.options import ReconstructOptions
-from gaussray.render.renderer import Renderer, RenderOptions
+from gaussray.render.options import RenderOptions
+from gaussray.render.renderer import Renderer
 from gaussray.runtime.devices import DevicesOptions, start_devices as start_devices
-from gaussray.tracer.trace import TraceOptions
+from gaussray.tracer.options import TraceOptions
 
 
 # Of so many training pictures one is scored; no divisor of usual numbers of times.

@@ -25,9 +25,10 @@ from gaussray.reconstruct.optimize.learning_rates import OptimizerOptions
 from gaussray.reconstruct.optimize.loss import LossOptions
 from gaussray.reconstruct.options import FitOptions, ReconstructOptions
 from gaussray.reconstruct.simplify.prune import PruneOptions
-from gaussray.render.renderer import Renderer, RenderOptions
+from gaussray.render.options import RenderOptions
+from gaussray.render.renderer import Renderer
 from gaussray.runtime.devices import DevicesOptions, start_devices as start_devices
-from gaussray.tracer.trace import TraceOptions
+from gaussray.tracer.options import TraceOptions
 
 
 def prepare(source: Path, out: Path, scale: float, hold: int, background: str) -> None:

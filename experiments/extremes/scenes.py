@@ -27,7 +27,8 @@ from gaussray.render import Renderer, RenderOptions
 from gaussray.scene.scene import at
 from gaussray.tracer.grid import build_grid
 from gaussray.tracer.motion import Motion, still
-from gaussray.tracer.trace import TraceOptions, on_kernel, trace
+from gaussray.tracer.trace import on_kernel, trace
+from gaussray.tracer.options import TraceOptions
 from gaussray.tracer.measure import measure
 
 

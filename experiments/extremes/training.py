@@ -43,7 +43,7 @@ from gaussray.scene.deformation import FieldOptions
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.harmonics import constant_harmonics
 from gaussray.scene.scene import Scene
-from gaussray.tracer.trace import TraceOptions
+from gaussray.tracer.options import TraceOptions
 from gaussray.tracer.traverse import Capacity
 from gaussray.reconstruct.block_sizes import BlockSizes
 

@@ -26,7 +26,7 @@ from gaussray.render.frame_batch import FrameBatch
 from gaussray.render.parts import strip_plan
 from gaussray.runtime.jit_cache import compiled
 from gaussray.scene.scene import Scene
-from gaussray.tracer.trace import TraceOptions
+from gaussray.tracer.options import TraceOptions
 
 
 def peak() -> float:

@@ -19,7 +19,7 @@ from gaussray.render import Renderer, RenderOptions
 from gaussray.render.aov.labeller import LABELS, Labeller
 from gaussray.render.rig.rig import load_views
 from gaussray.scene.store import load_scene
-from gaussray.tracer.trace import TraceOptions
+from gaussray.tracer.options import TraceOptions
 
 
 # Motion of so many pixels has full colour.

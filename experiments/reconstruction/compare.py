@@ -71,7 +71,7 @@ def run(job: tuple[Path, Path, list[str]], end: float) -> None:
     from gaussray.evaluate import EvaluateOptions, evaluate
     from gaussray.reconstruct import reconstruct
     from gaussray.render import RenderOptions
-    from gaussray.tracer.trace import TraceOptions
+    from gaussray.tracer.options import TraceOptions
 
     folder, out, overrides = job
     if time.monotonic() > end:

@@ -22,7 +22,7 @@ from gaussray.render import Renderer, RenderOptions
 from gaussray.render.aov.labeller import Labeller
 from gaussray.scene.scene import Scene
 from gaussray.scene.store import load_scene
-from gaussray.tracer.trace import TraceOptions
+from gaussray.tracer.options import TraceOptions
 
 
 BINS = ((0, 0), (1, 1), (2, 3), (4, 7), (8, 10**6))

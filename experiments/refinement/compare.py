@@ -25,7 +25,7 @@ from gaussray.reconstruct import ReconstructOptions, reconstruct
 from gaussray.reconstruct.options import FitOptions
 from gaussray.render import Renderer, RenderOptions
 from gaussray.scene.store import load_scene
-from gaussray.tracer.trace import TraceOptions
+from gaussray.tracer.options import TraceOptions
 
 
 # Readout of the rolling shutter in intervals between instants, and how wrong it is recorded.

@@ -5,7 +5,8 @@ The package can be called: `gaussray.calibrate(...)` is `calibrate.pipeline.cali
 
 import sys
 
-from gaussray.calibrate.pipeline import CalibrateOptions as CalibrateOptions, calibrate as calibrate
+from gaussray.calibrate.options import CalibrateOptions as CalibrateOptions
+from gaussray.calibrate.pipeline import calibrate as calibrate
 from gaussray.runtime.callable_package import callable_package
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from gaussray.calibrate.observations import check_views, read_observation, selected_views
-from gaussray.calibrate.options import CalibrateOptions as CalibrateOptions
+from gaussray.calibrate.options import CalibrateOptions
 from gaussray.calibrate.parameters import Unknown, prepare_lens, unit_camera_set, unknowns
 from gaussray.calibrate.residuals import ResidualEvaluator
 from gaussray.calibrate.results import (
@@ -29,7 +29,7 @@ from gaussray.runtime.progress import Progress
 from gaussray.runtime.provenance import versions
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip
-from gaussray.tracer.trace import TraceOptions
+from gaussray.tracer.options import TraceOptions
 
 
 def calibrate(

@@ -19,8 +19,8 @@ from gaussray.reconstruct.optimize.loss import developed
 from gaussray.scene.scene import Scene
 from gaussray.tracer.measure import enlarged_capacity, measure
 from gaussray.tracer.motion import Motion, scene_motion
+from gaussray.tracer.options import TraceOptions
 from gaussray.tracer.shard import trace_sharded
-from gaussray.tracer.trace import TraceOptions
 from gaussray.tracer.traverse import Capacity
 
 

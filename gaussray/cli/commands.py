@@ -165,11 +165,12 @@ def view(cfg: Configuration, overrides: Sequence[str]) -> None:
 
 
 def _evaluate(cfg: Configuration, devices: int | None) -> dict[str, Any]:
-    from gaussray.evaluate.pipeline import EvaluateOptions, evaluate
+    from gaussray.evaluate.options import EvaluateOptions
+    from gaussray.evaluate.pipeline import evaluate
     from gaussray.evaluate.scores import scores_text
-    from gaussray.render.renderer import RenderOptions
+    from gaussray.render.options import RenderOptions
     from gaussray.scene.formats.any_file import load
-    from gaussray.tracer.trace import TraceOptions
+    from gaussray.tracer.options import TraceOptions
 
     chosen, trace = (
         build_options(EvaluateOptions, cfg.evaluate),
@@ -198,10 +199,11 @@ def _evaluate(cfg: Configuration, devices: int | None) -> dict[str, Any]:
 
 
 def _calibrate(cfg: Configuration, devices: int | None) -> dict[str, Any]:
-    from gaussray.calibrate.pipeline import CalibrateOptions, calibrate
+    from gaussray.calibrate.options import CalibrateOptions
+    from gaussray.calibrate.pipeline import calibrate
     from gaussray.calibrate.results import calibration_table
     from gaussray.scene.formats.any_file import load
-    from gaussray.tracer.trace import TraceOptions
+    from gaussray.tracer.options import TraceOptions
 
     chosen, trace = (
         build_options(CalibrateOptions, cfg.calibrate),
@@ -306,9 +308,9 @@ def _pack(cfg: Configuration, devices: int | None) -> None:
 def _demo(cfg: Configuration, devices: int | None) -> dict[str, Any]:
     from gaussray.capture.formats.paired import read_capture
     from gaussray.cli.demo import DemoOptions, demo
-    from gaussray.evaluate.pipeline import EvaluateOptions
+    from gaussray.evaluate.options import EvaluateOptions
     from gaussray.io.sample_data import sample
-    from gaussray.render.renderer import RenderOptions
+    from gaussray.render.options import RenderOptions
     from gaussray.scene.store import load_scene
 
     options = DemoOptions(

@@ -7,16 +7,19 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from gaussray.capture.formats.paired import Capture, read_capture
-from gaussray.evaluate.pipeline import EvaluateOptions, evaluate
+from gaussray.capture.capture import Capture
+from gaussray.capture.formats.paired import read_capture
+from gaussray.evaluate.options import EvaluateOptions
+from gaussray.evaluate.pipeline import evaluate
 from gaussray.evaluate.scores import scores_text
 from gaussray.io.atomic import write_json
 from gaussray.io.sample_data import sample
-from gaussray.reconstruct.pipeline import ReconstructOptions, reconstruct
-from gaussray.render.renderer import RenderOptions
+from gaussray.reconstruct.options import ReconstructOptions
+from gaussray.reconstruct.pipeline import reconstruct
+from gaussray.render.options import RenderOptions
 from gaussray.runtime.devices import is_primary
 from gaussray.runtime.progress import say
-from gaussray.tracer.trace import TraceOptions
+from gaussray.tracer.options import TraceOptions
 
 
 class DemoOptions(NamedTuple):

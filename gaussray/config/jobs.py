@@ -23,7 +23,7 @@ from gaussray.render.rig.validate import check_cameras
 from gaussray.scene.formats.any_file import is_foreign, load
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip, segments_of
-from gaussray.tracer.trace import TraceOptions
+from gaussray.tracer.options import TraceOptions
 
 
 # Rows of the last picture may be read after the last time: by more than this share of all times, a

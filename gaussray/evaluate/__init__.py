@@ -5,7 +5,8 @@ The package can be called: `gaussray.evaluate(...)` is `evaluate.pipeline.evalua
 
 import sys
 
-from gaussray.evaluate.pipeline import EvaluateOptions as EvaluateOptions, evaluate as evaluate
+from gaussray.evaluate.options import EvaluateOptions as EvaluateOptions
+from gaussray.evaluate.pipeline import evaluate as evaluate
 from gaussray.runtime.callable_package import callable_package
 
 

@@ -21,19 +21,20 @@ from gaussray.dataset.video import write_video
 from gaussray.evaluate.flicker import Flicker
 from gaussray.evaluate.masks import MotionMasks, circle_mask, view_levels, visible_mask
 from gaussray.evaluate.metrics import psnr, ssim
-from gaussray.evaluate.options import EvaluateOptions as EvaluateOptions
+from gaussray.evaluate.options import EvaluateOptions
 from gaussray.evaluate.perceptual import perceptual_metrics
 from gaussray.evaluate.scores import summary
 from gaussray.io.atomic import atomic_path, check_files_exist, remove_partial_files, write_json
 from gaussray.render.frame import Frame
-from gaussray.render.renderer import Renderer, RenderOptions
+from gaussray.render.options import RenderOptions
+from gaussray.render.renderer import Renderer
 from gaussray.runtime.devices import cores, from_primary, is_primary
 from gaussray.runtime.lock import locks_output
 from gaussray.runtime.progress import Progress
 from gaussray.runtime.provenance import versions
 from gaussray.scene.scene import Scene, transient_count
 from gaussray.scene.segmented import Clip, segments_of
-from gaussray.tracer.trace import TraceOptions
+from gaussray.tracer.options import TraceOptions
 
 
 # The scores of every picture, one line each.

@@ -10,7 +10,7 @@ from gaussray.reconstruct.optimize.learning_rates import OptimizerOptions
 from gaussray.reconstruct.optimize.loss import LossOptions
 from gaussray.reconstruct.simplify.prune import PruneOptions
 from gaussray.scene.deformation import FieldOptions
-from gaussray.tracer.trace import TraceOptions
+from gaussray.tracer.options import TraceOptions
 
 
 # Which points the first Gaussians stand on: the capture's if there are enough of them, else those

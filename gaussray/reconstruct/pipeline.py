@@ -12,7 +12,7 @@ from gaussray.reconstruct.checks.failed_fit import demand_success
 from gaussray.reconstruct.data.training_split import demand_training_pictures
 from gaussray.reconstruct.log import RunLog
 from gaussray.reconstruct.optimize.state import State
-from gaussray.reconstruct.options import ReconstructOptions as ReconstructOptions
+from gaussray.reconstruct.options import ReconstructOptions
 from gaussray.reconstruct.plan import FitPlan, fit_plan
 from gaussray.reconstruct.run_progress import RunProgress
 from gaussray.reconstruct.same_capture import demand_same_capture, write_capture_facts

@@ -29,8 +29,9 @@ from gaussray.scene.scene import Scene
 from gaussray.scene.transient import squared_age
 from gaussray.tracer.composite import Pixels
 from gaussray.tracer.motion import Motion, key_times_across, scene_motion
+from gaussray.tracer.options import TraceOptions
 from gaussray.tracer.shard import trace_sharded
-from gaussray.tracer.trace import Report, TraceOptions
+from gaussray.tracer.trace import Report
 from gaussray.tracer.visible_subset import seen_part
 
 

@@ -5,8 +5,9 @@ The package can be called: `gaussray.render(scene, camera)` is `render.picture.r
 
 import sys
 
+from gaussray.render.options import RenderOptions as RenderOptions
 from gaussray.render.picture import Picture as Picture, render as _render
-from gaussray.render.renderer import Renderer as Renderer, RenderOptions as RenderOptions
+from gaussray.render.renderer import Renderer as Renderer
 from gaussray.runtime.callable_package import callable_package
 
 

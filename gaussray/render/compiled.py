@@ -24,8 +24,10 @@ from gaussray.scene.scene import Scene
 from gaussray.scene.transient import Transients, transients_at
 from gaussray.tracer.composite import Pixels
 from gaussray.tracer.motion import Motion, scene_motion
+from gaussray.tracer.options import TraceOptions
+from gaussray.tracer.prepare import prepare
 from gaussray.tracer.shard import trace_sharded
-from gaussray.tracer.trace import Report, TraceOptions, map_leading, prepare
+from gaussray.tracer.trace import Report, map_leading
 from gaussray.tracer.traverse import Capacity
 
 

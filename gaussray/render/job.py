@@ -8,7 +8,7 @@ from gaussray.render.options import DatasetOptions, RenderOptions
 from gaussray.render.renderer import Renderer
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip
-from gaussray.tracer.trace import TraceOptions
+from gaussray.tracer.options import TraceOptions
 
 
 class RenderJob(NamedTuple):

@@ -31,14 +31,8 @@ from gaussray.runtime.stored_programs import KeptProgram
 from gaussray.tracer.composite import Pixels
 from gaussray.tracer.motion import scene_motion
 from gaussray.tracer.options import TraceOptions, on_cpu_kernel, on_kernel
-from gaussray.tracer.trace import (
-    Prepared,
-    Report,
-    find_candidates,
-    march_function,
-    march_lists,
-    prepare,
-)
+from gaussray.tracer.prepare import Prepared, prepare
+from gaussray.tracer.trace import Report, find_candidates, march_function, march_lists
 from gaussray.tracer.traverse import Candidates, Capacity
 
 

@@ -25,7 +25,7 @@ from gaussray.scene.segmented import SCENE_RULE, Clip
 from gaussray.tracer.measure import enlarged_capacity, measure
 from gaussray.tracer.motion import Motion, key_times_across, scene_motion
 from gaussray.tracer.options import TraceOptions
-from gaussray.tracer.trace import time_span
+from gaussray.tracer.prepare import time_span
 from gaussray.tracer.traverse import Capacity
 
 

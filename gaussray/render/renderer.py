@@ -38,7 +38,7 @@ from gaussray.render.frame_batch import (
     fetch_pictures,
 )
 from gaussray.render.list_sizes import default_capacity, enlarge_staged_capacity
-from gaussray.render.options import RenderOptions as RenderOptions
+from gaussray.render.options import RenderOptions
 from gaussray.render.parts import (
     Part,
     interleaved_parts,
@@ -58,8 +58,9 @@ from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import SCENE_RULE, Clip, segment_edges, segments_of
 from gaussray.scene.spare_rows import with_spare_rows
 from gaussray.tracer.measure import enlarged_capacity, measure
+from gaussray.tracer.options import TraceOptions
 from gaussray.tracer.shard import mesh as device_mesh
-from gaussray.tracer.trace import Report, TraceOptions
+from gaussray.tracer.trace import Report
 from gaussray.tracer.traverse import Capacity, capacity_of_device
 
 

@@ -14,7 +14,8 @@ from gaussray.capture.frames import read_encoded
 from gaussray.capture.picture_file import read_stored
 from gaussray.dataset.images import srgb_levels
 from gaussray.evaluate.metrics import psnr
-from gaussray.render.renderer import Renderer, RenderOptions
+from gaussray.render.options import RenderOptions
+from gaussray.render.renderer import Renderer
 from gaussray.report.markup import tag
 from gaussray.report.optics import camera_drawings, field_of_view, lens_name
 from gaussray.report.page import Section, html_table, note

@@ -10,9 +10,11 @@ from jaxtyping import Array, Float, Int
 from gaussray.camera.rays import Rays, moved_to_start
 from gaussray.tracer.bundle import split_into_bundles
 from gaussray.tracer.k_nearest import nearest_hits, slot_mask, sort_key
+from gaussray.tracer.options import TraceOptions
+from gaussray.tracer.prepare import Prepared
 from gaussray.tracer.response import opacity_on_ray, reach_radius
 from gaussray.tracer.table import Columns, Lanes, gaussian_table, ray_response, table_columns
-from gaussray.tracer.trace import Prepared, TraceOptions, ray_lanes
+from gaussray.tracer.trace import ray_lanes
 from gaussray.tracer.traverse import Candidates
 
 

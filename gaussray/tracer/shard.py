@@ -11,7 +11,9 @@ from gaussray.camera.rays import Rays
 from gaussray.tracer.bundle import FAN
 from gaussray.tracer.composite import Pixels
 from gaussray.tracer.motion import Motion
-from gaussray.tracer.trace import Prepared, Report, TraceOptions, trace
+from gaussray.tracer.options import TraceOptions
+from gaussray.tracer.prepare import Prepared
+from gaussray.tracer.trace import Report, trace
 from gaussray.tracer.traverse import Capacity
 
 

@@ -22,15 +22,13 @@ from gaussray.tracer.grid import build_grid
 from gaussray.tracer.march import march
 from gaussray.tracer.motion import Motion, clipped_time, control_weights, lit
 from gaussray.tracer.options import (
-    TraceOptions as TraceOptions,
+    TraceOptions,
     on_cpu_kernel,
     on_kernel,
 )
 from gaussray.tracer.prepare import (
-    Prepared as Prepared,
-    prepare as prepare,
+    Prepared,
     prepare_for_rays,
-    time_span as time_span,
 )
 from gaussray.tracer.table import Lanes, gaussian_table, table_columns
 from gaussray.tracer.traverse import Candidates, Capacity, candidates

@@ -30,9 +30,9 @@ from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip, segment_edges, segments_of
 from gaussray.scene.spare_rows import with_spare_rows
 from gaussray.tracer.measure import enlarged_capacity, measure
-from gaussray.tracer.options import grid_levels
+from gaussray.tracer.options import TraceOptions, grid_levels
 from gaussray.tracer.shard import mesh as device_mesh
-from gaussray.tracer.trace import Report, TraceOptions
+from gaussray.tracer.trace import Report
 from gaussray.tracer.traverse import Capacity
 
 

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 import toy
 
+from gaussray.calibrate.options import CalibrateOptions
 from gaussray.calibrate.parameters import corrected_camera, unit_camera_set, unknowns
-from gaussray.calibrate.pipeline import CalibrateOptions, calibrate
+from gaussray.calibrate.pipeline import calibrate
 from gaussray.calibrate.residuals import ResidualEvaluator
 from gaussray.calibrate.results import calibrated_records
 from gaussray.calibrate.solver import CameraSolver, Observation, Solution, Sums
@@ -22,7 +23,8 @@ from gaussray.color import srgb_decode, srgb_encode
 from gaussray.dataset.images import write_image
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.io.safe.limits import Limits, limit, limits
-from gaussray.render.renderer import Renderer, RenderOptions
+from gaussray.render.options import RenderOptions
+from gaussray.render.renderer import Renderer
 from gaussray.report.run import json_document
 from gaussray.scene.segmented import Clip
 from gaussray.scene.store import save_scene

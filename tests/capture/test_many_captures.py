@@ -16,7 +16,8 @@ from gaussray.capture.open import open_capture
 from gaussray.cli.main import main
 from gaussray.dataset.images import srgb_levels
 from gaussray.geometry import rotation_matrix
-from gaussray.render.renderer import Renderer, RenderOptions
+from gaussray.render.options import RenderOptions
+from gaussray.render.renderer import Renderer
 from gaussray.scene.store import load_scene
 
 

@@ -14,7 +14,8 @@ from gaussray.cli.help import COMMANDS
 from gaussray.cli.main import main
 from gaussray.color import srgb_encode
 from gaussray.evaluate.metrics import psnr
-from gaussray.render.renderer import Renderer, RenderOptions
+from gaussray.render.options import RenderOptions
+from gaussray.render.renderer import Renderer
 from gaussray.scene.store import load_scene
 
 

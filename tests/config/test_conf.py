@@ -10,7 +10,7 @@ import pytest
 from omegaconf import OmegaConf
 
 from benchmarks.trade import PRESETS
-from gaussray.calibrate.pipeline import CalibrateOptions
+from gaussray.calibrate.options import CalibrateOptions
 from gaussray.camera.imu import ImuOptions
 from gaussray.camera.sensor.sensor import SensorOptions
 from gaussray.capture.open import FORMATS
@@ -19,17 +19,17 @@ from gaussray.cli.help import COMMANDS
 from gaussray.config.compose import Variations, compose_config
 from gaussray.config.options import build_options
 from gaussray.config.schema import choice_keys, conf_folder
-from gaussray.evaluate.pipeline import EvaluateOptions
+from gaussray.evaluate.options import EvaluateOptions
 from gaussray.io.safe.limits import Limits
 from gaussray.prepare.options import FramesOptions, PosesOptions, SyncOptions
 from gaussray.reconstruct import options as stage
+from gaussray.render.options import RenderOptions
 from gaussray.render.randomize.distributions import draw_values, read_distributions
 from gaussray.render.randomize.options import DrawOptions
-from gaussray.render.renderer import RenderOptions
 from gaussray.render.rig import rig
 from gaussray.render.rig.physical_units import PhysicalOptions
 from gaussray.runtime.devices import DevicesOptions
-from gaussray.tracer.trace import TraceOptions
+from gaussray.tracer.options import TraceOptions
 from gaussray.viewer.options import ViewOptions
 
 

@@ -13,7 +13,8 @@ from gaussray.dataset.images import write_image
 from gaussray.dataset.manifest import write_manifest
 from gaussray.reconstruct import reconstruct
 from gaussray.reconstruct.backdrop_shell import with_backdrop_shell
-from gaussray.render.renderer import Renderer, RenderOptions
+from gaussray.render.options import RenderOptions
+from gaussray.render.renderer import Renderer
 from gaussray.scene.scene import Scene
 
 

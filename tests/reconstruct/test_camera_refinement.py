@@ -38,7 +38,8 @@ from gaussray.reconstruct.pipeline import reconstruct
 from gaussray.reconstruct.run_progress import RunProgress
 from gaussray.reconstruct.session import Session
 from gaussray.reconstruct.start import initial_state
-from gaussray.render.renderer import Renderer, RenderOptions
+from gaussray.render.options import RenderOptions
+from gaussray.render.renderer import Renderer
 from gaussray.scene.gaussians import unconstrain
 from gaussray.tracer.traverse import Capacity
 

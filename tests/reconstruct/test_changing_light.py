@@ -9,7 +9,8 @@ import toy
 
 from gaussray.capture.formats.paired import read_capture
 from gaussray.reconstruct.pipeline import reconstruct
-from gaussray.render.renderer import Renderer, RenderOptions
+from gaussray.render.options import RenderOptions
+from gaussray.render.renderer import Renderer
 from gaussray.scene.light import Light
 from gaussray.scene.store import load_scene
 

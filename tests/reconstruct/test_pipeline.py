@@ -14,7 +14,8 @@ import toy
 from gaussray.capture.capture import View
 from gaussray.capture.errors import CaptureWarning
 from gaussray.capture.formats.paired import read_capture
-from gaussray.evaluate.pipeline import EvaluateOptions, evaluate
+from gaussray.evaluate.options import EvaluateOptions
+from gaussray.evaluate.pipeline import evaluate
 from gaussray.reconstruct import loop, pipeline, segment_fit, step as training, step_plan
 from gaussray.reconstruct.block_sizes import BlockSizes
 from gaussray.reconstruct.data import held_out_tiles
@@ -31,7 +32,7 @@ from gaussray.reconstruct.session import Session
 from gaussray.reconstruct.simplify.prune import PruneOptions
 from gaussray.reconstruct.simplify.summary import clip_report
 from gaussray.reconstruct.start import initial_state
-from gaussray.render.renderer import RenderOptions
+from gaussray.render.options import RenderOptions
 from gaussray.scene.gaussians import unconstrain
 from gaussray.scene.segmented import Clip
 from gaussray.scene.store import load_scene

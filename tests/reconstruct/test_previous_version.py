@@ -16,7 +16,8 @@ from gaussray.reconstruct.optimize.density import DensityOptions
 from gaussray.reconstruct.optimize.learning_rates import OptimizerOptions
 from gaussray.reconstruct.options import FitOptions, ReconstructOptions
 from gaussray.reconstruct.pipeline import reconstruct
-from gaussray.render.renderer import Renderer, RenderOptions
+from gaussray.render.options import RenderOptions
+from gaussray.render.renderer import Renderer
 from gaussray.scene.store import load_scene
 
 

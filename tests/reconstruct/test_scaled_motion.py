@@ -18,7 +18,8 @@ from gaussray.reconstruct.auto.choice import auto_choice
 from gaussray.reconstruct.auto.machine import Machine
 from gaussray.reconstruct.initialize.body_tracking import TrackOptions
 from gaussray.reconstruct.pipeline import reconstruct
-from gaussray.render.renderer import Renderer, RenderOptions
+from gaussray.render.options import RenderOptions
+from gaussray.render.renderer import Renderer
 from gaussray.render.rig.rig import load_views
 from gaussray.scene.scene import Scene
 from gaussray.scene.store import load_scene

@@ -18,8 +18,8 @@ from gaussray.reconstruct.optimize.state import begin_state
 from gaussray.reconstruct.step import measure_sizes
 from gaussray.reconstruct.step_loss import StepOptions, loss_of
 from gaussray.scene.gaussians import unconstrain
+from gaussray.tracer.options import TraceOptions
 from gaussray.tracer.shard import mesh
-from gaussray.tracer.trace import TraceOptions
 
 
 # Of single precision: sums of the same numbers, in another order at most.

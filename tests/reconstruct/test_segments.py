@@ -26,7 +26,8 @@ from gaussray.reconstruct.run_progress import RunProgress
 from gaussray.reconstruct.session import Session, hand_over
 from gaussray.reconstruct.start import continued_state, initial_state
 from gaussray.reconstruct.step_setup import step_options
-from gaussray.render.renderer import Renderer, RenderOptions
+from gaussray.render.options import RenderOptions
+from gaussray.render.renderer import Renderer
 from gaussray.scene.harmonics import C0
 from gaussray.scene.segmented import Clip
 from gaussray.scene.store import load_scene

@@ -17,11 +17,12 @@ from gaussray.reconstruct.optimize.optimizer import Parameters
 from gaussray.reconstruct.optimize.state import begin_state
 from gaussray.reconstruct.step import measure_sizes
 from gaussray.reconstruct.step_loss import StepOptions, density_costs, loss_of
-from gaussray.render.renderer import Renderer, RenderOptions
+from gaussray.render.options import RenderOptions
+from gaussray.render.renderer import Renderer
 from gaussray.scene.gaussians import unconstrain
 from gaussray.scene.scene import Scene
+from gaussray.tracer.options import TraceOptions
 from gaussray.tracer.shard import mesh
-from gaussray.tracer.trace import TraceOptions
 
 
 # Sigmoid and exponential of their inverses in single precision.

@@ -13,7 +13,8 @@ import gaussray
 from gaussray.camera.camera import camera_rays
 from gaussray.camera.rays import moved_to_start
 from gaussray.render.aov.labeller import Labeller
-from gaussray.render.renderer import Renderer, RenderOptions
+from gaussray.render.options import RenderOptions
+from gaussray.render.renderer import Renderer
 from gaussray.scene.gaussians import concatenate
 from gaussray.scene.scene import Scene
 

@@ -24,7 +24,8 @@ from gaussray.color import srgb_decode
 from gaussray.dataset.images import write_image
 from gaussray.dataset.layers import read_layers
 from gaussray.evaluate import pipeline as evaluation
-from gaussray.evaluate.pipeline import EvaluateOptions, evaluate
+from gaussray.evaluate.options import EvaluateOptions
+from gaussray.evaluate.pipeline import evaluate
 from gaussray.render import dataset, dataset_files, develop
 from gaussray.render.dataset import render_dataset
 from gaussray.render.options import DatasetOptions, RenderOptions

@@ -16,6 +16,7 @@ from gaussray.camera.sampling import sobol_samples
 from gaussray.camera.shutter import Shutter, interlaced_row_times
 from gaussray.camera.trajectory import Trajectory
 from gaussray.render import parts
+from gaussray.render.options import RenderOptions
 from gaussray.render.parts import (
     PIXEL,
     RAY,
@@ -26,11 +27,10 @@ from gaussray.render.parts import (
     strip_plan,
     strip_rows,
 )
-from gaussray.render.renderer import Renderer, RenderOptions
+from gaussray.render.renderer import Renderer
 from gaussray.scene.scene import Scene, key_count
 from gaussray.tracer.grid import OCCUPANCY
-from gaussray.tracer.options import CPU_LEVELS
-from gaussray.tracer.trace import TraceOptions
+from gaussray.tracer.options import CPU_LEVELS, TraceOptions
 from gaussray.tracer.traverse import Capacity
 
 

@@ -9,12 +9,13 @@ import pytest
 import toy
 
 from gaussray.camera.lens import KannalaBrandt
-from gaussray.render.renderer import Renderer, RenderOptions
+from gaussray.render.options import RenderOptions
+from gaussray.render.renderer import Renderer
 from gaussray.render.splat_compat import colors_from_center, dilate
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.harmonics import C0
 from gaussray.scene.scene import Scene
-from gaussray.tracer.trace import TraceOptions
+from gaussray.tracer.options import TraceOptions
 
 
 # Single precision.

@@ -9,7 +9,8 @@ import pytest
 import toy
 from jax.test_util import check_grads
 
-from gaussray.render.renderer import Renderer, RenderOptions
+from gaussray.render.options import RenderOptions
+from gaussray.render.renderer import Renderer
 from gaussray.scene.array_file import read_arrays, write_arrays
 from gaussray.scene.formats.convert import gaussians_at
 from gaussray.scene.formats.export_transients import export_transients

@@ -42,10 +42,11 @@ shoot = jax.jit(camera_rays)
 
 def seen_through(lens, radius=0.05):
     """One ray for every pixel, in the order of tiles; direction zero where the lens is black."""
+    focus = "sphere" if LENSES[lens].sees_sideways else "plane"
     camera = Camera(
         Film(SIDE, SIDE, "box", 1.0),
         LENSES[lens],
-        Aperture(number(radius), number(2.0), number(0.0), number(1.0)),
+        Aperture(number(radius), number(2.0), number(0.0), number(1.0), focus=focus),
         Shutter(number(-0.5), number(0.1), number(0.05)),
         Trajectory(
             jnp.array([-1.0, 2.0]),

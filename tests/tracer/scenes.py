@@ -13,7 +13,8 @@ from gaussray.camera.rays import Rays
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.transient import Transients
 from gaussray.tracer.motion import Motion, still
-from gaussray.tracer.trace import TraceOptions, trace
+from gaussray.tracer.options import TraceOptions
+from gaussray.tracer.trace import trace
 from gaussray.tracer.traverse import Capacity
 
 

@@ -41,14 +41,8 @@ from gaussray.tracer.cpu.block import LANES
 from gaussray.tracer.march import march
 from gaussray.tracer.measure import measure
 from gaussray.tracer.options import TraceOptions, on_cpu_kernel, on_kernel
-from gaussray.tracer.trace import (
-    find_candidates,
-    march_function,
-    march_lists,
-    prepare,
-    time_span,
-    trace,
-)
+from gaussray.tracer.prepare import prepare, time_span
+from gaussray.tracer.trace import find_candidates, march_function, march_lists, trace
 
 
 SIZES = {"size": (0.1, 0.5)}

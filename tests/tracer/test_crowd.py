@@ -5,7 +5,7 @@ import pytest
 from pictures import seen_through
 from scenes import RAYS, against_brute_force, gaussians, padded, rays, resting
 
-from gaussray.tracer.trace import TraceOptions
+from gaussray.tracer.options import TraceOptions
 from gaussray.tracer.traverse import Capacity
 
 

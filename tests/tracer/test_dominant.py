@@ -13,7 +13,7 @@ from gaussray.camera.rays import Rays
 from gaussray.scene.gaussians import Gaussians
 from gaussray.tracer.measure import measure
 from gaussray.tracer.motion import Motion, still
-from gaussray.tracer.trace import TraceOptions
+from gaussray.tracer.options import TraceOptions
 
 
 OPTIONS = TraceOptions(k=4, bundle=2, levels=1, group=4, chunk=8, transmittance_min=0.0)

@@ -47,7 +47,8 @@ from single import (
 from gaussray.tracer import cuda, kernel, options
 from gaussray.tracer.measure import measure
 from gaussray.tracer.motion import merge_rest
-from gaussray.tracer.trace import TraceOptions, trace
+from gaussray.tracer.options import TraceOptions
+from gaussray.tracer.trace import trace
 from gaussray.tracer.traverse import Capacity
 
 

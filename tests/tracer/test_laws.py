@@ -9,7 +9,7 @@ from scenes import CAPACITY, COUNT, OPTIONS, gaussians, look, rays, resting, sho
 from gaussray.geometry import multiply, normalize_quaternion, rotation_matrix
 from gaussray.scene.gaussians import Gaussians
 from gaussray.tracer.motion import Motion
-from gaussray.tracer.trace import TraceOptions
+from gaussray.tracer.options import TraceOptions
 
 
 # Mean absolute difference of what rays see. Order of sums alone; places that are rounded anew.

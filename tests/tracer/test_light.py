@@ -25,7 +25,7 @@ from scenes import (
 from gaussray.scene.light import Light
 from gaussray.tracer import cuda
 from gaussray.tracer.measure import measure
-from gaussray.tracer.trace import TraceOptions
+from gaussray.tracer.options import TraceOptions
 from gaussray.tracer.vector_blend import blended_vector, color_by_vector
 
 

@@ -37,7 +37,8 @@ from gaussray.geometry import quaternion, rotation_matrix
 from gaussray.tracer import march
 from gaussray.tracer.bundle import coherent_order
 from gaussray.tracer.motion import Motion
-from gaussray.tracer.trace import TraceOptions, total_hits, trace
+from gaussray.tracer.options import TraceOptions
+from gaussray.tracer.trace import total_hits, trace
 from gaussray.tracer.traverse import Capacity
 
 

@@ -37,7 +37,8 @@ from scenes import (
 from gaussray.scene.transient import Transients
 from gaussray.tracer.measure import measure
 from gaussray.tracer.motion import Motion
-from gaussray.tracer.trace import prepare, time_span, trace
+from gaussray.tracer.prepare import prepare, time_span
+from gaussray.tracer.trace import trace
 
 
 # Of single precision: mean absolute colour, and gradients relative to the largest.

@@ -5,8 +5,8 @@ import jax
 import numpy as np
 from scenes import COUNT, gaussians, rays, resting, score, shot, stacked, weights
 
+from gaussray.tracer.options import TraceOptions
 from gaussray.tracer.shard import mesh, trace_sharded
-from gaussray.tracer.trace import TraceOptions
 from gaussray.tracer.traverse import Capacity
 
 

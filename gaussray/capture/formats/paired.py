@@ -7,7 +7,7 @@ from typing import Any
 import jax.numpy as jnp
 from jaxtyping import DTypeLike
 
-from gaussray.capture.capture import Capture as Capture, View as View
+from gaussray.capture.capture import Capture, View
 from gaussray.capture.errors import CaptureError
 from gaussray.capture.formats.completion import completed
 from gaussray.capture.formats.dnerf import SPLIT_FILES, VALIDATION_FILE

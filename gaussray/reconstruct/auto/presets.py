@@ -10,7 +10,7 @@ from gaussray.reconstruct.initialize.body_tracking import TrackOptions
 from gaussray.reconstruct.optimize.density import DensityOptions
 from gaussray.reconstruct.optimize.loss import LossOptions
 from gaussray.reconstruct.options import FitOptions, ReconstructOptions
-from gaussray.tracer.trace import TraceOptions
+from gaussray.tracer.options import TraceOptions
 
 
 # Steps of each stage of rigid bodies on a GPU (fit=full); on a CPU those of fit=default.

@@ -33,7 +33,8 @@ from gaussray.scene.gaussians import Gaussians
 from gaussray.tracer.bundle import fill_padding, morton_tiles
 from gaussray.tracer.measure import enlarged_capacity, measure
 from gaussray.tracer.motion import Motion, still as resting
-from gaussray.tracer.trace import TraceOptions, trace
+from gaussray.tracer.options import TraceOptions
+from gaussray.tracer.trace import trace
 from gaussray.tracer.traverse import Capacity
 
 

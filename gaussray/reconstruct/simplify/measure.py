@@ -25,8 +25,8 @@ from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.harmonics import C0
 from gaussray.tracer.measure import enlarged_capacity, measure
 from gaussray.tracer.motion import Motion, key_times_across, still
+from gaussray.tracer.options import TraceOptions
 from gaussray.tracer.shard import trace_sharded
-from gaussray.tracer.trace import TraceOptions
 from gaussray.tracer.traverse import Capacity
 
 

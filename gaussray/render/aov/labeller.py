@@ -17,7 +17,7 @@ from gaussray.render.list_sizes import default_capacity
 from gaussray.render.options import RenderOptions
 from gaussray.render.parts import strip_part, strip_plan, strip_tops, whole_picture
 from gaussray.scene.scene import Scene, key_count
-from gaussray.tracer.trace import TraceOptions
+from gaussray.tracer.options import TraceOptions
 from gaussray.tracer.traverse import Capacity
 
 

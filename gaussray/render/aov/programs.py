@@ -27,8 +27,9 @@ from gaussray.runtime.program_cache import ProgramCache
 from gaussray.scene.normals import normals
 from gaussray.scene.point_tracks import STATIC, group_of, point_path
 from gaussray.tracer.dominant import dominant
+from gaussray.tracer.options import TraceOptions
 from gaussray.tracer.prepare import Prepared
-from gaussray.tracer.trace import TraceOptions, march_function, march_lists, trace
+from gaussray.tracer.trace import march_function, march_lists, trace
 from gaussray.tracer.traverse import Candidates, Capacity
 from gaussray.tracer.vector_blend import blended_vector, color_by_vector
 

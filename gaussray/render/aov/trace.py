@@ -27,9 +27,8 @@ from gaussray.render.camera_layout import pack_camera
 from gaussray.render.list_sizes import enlarge_staged_capacity
 from gaussray.render.parts import Part
 from gaussray.render.picture_programs import lists_program, motion_program
-from gaussray.tracer.options import on_kernel
+from gaussray.tracer.options import TraceOptions, on_kernel
 from gaussray.tracer.prepare import Prepared
-from gaussray.tracer.trace import TraceOptions
 from gaussray.tracer.traverse import Candidates, Capacity
 
 

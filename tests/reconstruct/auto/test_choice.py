@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import toy
 
-from gaussray.capture.formats.paired import Capture, View
+from gaussray.capture.capture import Capture, View
 from gaussray.capture.points import Points
 from gaussray.reconstruct import step_plan
 from gaussray.reconstruct.auto.choice import auto_choice
@@ -37,7 +37,7 @@ from gaussray.reconstruct.run_progress import (
 )
 from gaussray.reconstruct.step import step_schedule
 from gaussray.reconstruct.step_plan import Plateau, StepPlan, TimedPlan
-from gaussray.tracer.trace import TraceOptions
+from gaussray.tracer.options import TraceOptions
 
 
 CPU, GPU = Machine(gpu=False), Machine(gpu=True)

@@ -12,7 +12,8 @@ from gaussray.reconstruct.initialize import body_tracking
 from gaussray.reconstruct.initialize.appearance import Shown
 from gaussray.reconstruct.initialize.body_tracking import TrackOptions, track
 from gaussray.reconstruct.initialize.regrouping import MovingGaussians
-from gaussray.render.renderer import Renderer, RenderOptions
+from gaussray.render.options import RenderOptions
+from gaussray.render.renderer import Renderer
 from gaussray.scene.bodies import bodies_at_rest
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.harmonics import constant_harmonics

@@ -14,7 +14,8 @@ from gaussray.dataset.images import srgb_levels
 from gaussray.reconstruct.data.pictures import Footage
 from gaussray.reconstruct.data.tiles import cut, tile_pixels
 from gaussray.reconstruct.initialize.unexplained import UnexplainedPixels
-from gaussray.render.renderer import Renderer, RenderOptions
+from gaussray.render.options import RenderOptions
+from gaussray.render.renderer import Renderer
 
 
 SIZE, SIDE = 60, 8

@@ -15,7 +15,8 @@ from gaussray.evaluate.metrics import psnr
 from gaussray.reconstruct.data.pictures import footage
 from gaussray.reconstruct.simplify.candidate import whole_candidate
 from gaussray.reconstruct.simplify.measure import CandidateMeter, Tracing, TrainingViews, tile_views
-from gaussray.render.renderer import Renderer, RenderOptions
+from gaussray.render.options import RenderOptions
+from gaussray.render.renderer import Renderer
 from gaussray.tracer.shard import mesh
 
 

@@ -15,8 +15,8 @@ from gaussray.render import picture_programs
 from gaussray.render.aov import labeller as labels_of_frames, programs
 from gaussray.render.aov.labeller import LABELS, PICTURE_LABELS, Labeller, check_labels
 from gaussray.render.list_sizes import default_capacity
+from gaussray.render.options import RenderOptions
 from gaussray.render.parts import PIXEL, RAY, SAMPLE
-from gaussray.render.renderer import RenderOptions
 from gaussray.scene.scene import Scene
 from gaussray.tracer.traverse import Capacity
 

@@ -16,7 +16,8 @@ import toy
 import gaussray
 from gaussray.cli.main import main
 from gaussray.color import srgb_decode, srgb_encode
-from gaussray.render.renderer import Renderer, RenderOptions
+from gaussray.render.options import RenderOptions
+from gaussray.render.renderer import Renderer
 from gaussray.scene.formats.any_file import export_format
 from gaussray.scene.formats.convert import convert_harmonics, export_model, import_model
 from gaussray.scene.formats.gaussian_ply import read_gaussians, write_gaussians

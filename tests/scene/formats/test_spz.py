@@ -81,7 +81,9 @@ def test_positions_that_have_no_room_are_refused(tmp_path):
 
 def test_numbers_that_have_no_room_are_told(tmp_path):
     some = gaussians(count=2)
-    large = Gaussians(some.mean, some.quat, some.scale.at[1].set(1000), some.opacity, some.harmonics)
+    large = Gaussians(
+        some.mean, some.quat, some.scale.at[1].set(1000), some.opacity, some.harmonics
+    )
     with pytest.warns(UserWarning, match=r"no room for scales \(4.5e-5 to 380\) of 50 %"):
         write_spz(tmp_path / "a.spz", large)
 
