@@ -10,25 +10,19 @@ from gaussray.config.run_folder import begin_run_folder, changed_keys
 from gaussray.config.yaml_files import to_plain
 from gaussray.runtime.devices import DevicesOptions, is_primary, start_devices
 from gaussray.runtime.lock import lock_output
+from gaussray.runtime.output import counted
 from gaussray.runtime.progress import say
 from gaussray.runtime.provenance import given_keys
 
 
 def reconstruct_options(cfg: Configuration) -> Any:
     """The ReconstructOptions of a configuration. Keys of the command line stay as they are set."""
-    from gaussray.reconstruct import options as stage
+    from gaussray.reconstruct.options import ReconstructOptions
 
-    return stage.ReconstructOptions(
-        fit=build_options(stage.FitOptions, cfg.fit),
-        track=build_options(stage.TrackOptions, cfg.track),
-        field=build_options(stage.FieldOptions, cfg.field),
-        loss=build_options(stage.LossOptions, cfg.loss),
-        optimizer=build_options(stage.OptimizerOptions, cfg.optimizer),
-        density=build_options(stage.DensityOptions, cfg.density),
-        trace=build_options(stage.TraceOptions, cfg.trace),
-        prune=build_options(stage.PruneOptions, cfg.prune),
-        explicit_keys=given_keys(),
-    )
+    defaults = ReconstructOptions()
+    groups = [name for name in vars(defaults) if name in cfg]
+    parts = {name: build_options(type(getattr(defaults, name)), cfg[name]) for name in groups}
+    return ReconstructOptions(**parts, explicit_keys=given_keys())
 
 
 def _capture(path: str, node: Configuration, label: str, prefix: str = "") -> Any:
@@ -239,7 +233,7 @@ def _prepare(cfg: Configuration, devices: int | None) -> None:
     doubtful = [one["text"] for one in facts["findings"] if one["level"] == "warn"]
     more = f" {len(doubtful)} doubtful: {'; '.join(doubtful)}. See report.html." if doubtful else ""
     times = facts["timestamps"]
-    pictures = f"{len(facts['cameras'])} cameras, {times} timestamp{'s' * (times != 1)}"
+    pictures = f"{counted(len(facts['cameras']), 'camera')}, {counted(times, 'timestamp')}"
     if not facts["rate"]:
         pictures = f"{times} photographs"
     text = (
@@ -302,7 +296,7 @@ def _pack(cfg: Configuration, devices: int | None) -> None:
         _say(f"{cfg.out}: {frames} frames in the layout {layout}.")
         return
     written = pack(cfg.data, cfg.out, frames_per_tar=count)
-    _say(f"{cfg.out}: {len(written)} tar file{'s' * (len(written) != 1)}.")
+    _say(f"{cfg.out}: {counted(len(written), 'tar file')}.")
 
 
 def _demo(cfg: Configuration, devices: int | None) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from gaussray.io.natural_order import natural_order
 from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.names_of_cameras import pictures_by_camera
 from gaussray.prepare.photographs import PHOTOGRAPH_SUFFIXES, photograph_size
+from gaussray.runtime.output import counted
 from gaussray.runtime.progress import say
 
 
@@ -166,10 +167,6 @@ def _listed(names: Sequence[str]) -> str:
     return ", ".join(names[:_NAMED]) + (" ..." if len(names) > _NAMED else "")
 
 
-def _counted(count: int, word: str) -> str:
-    return f"{count} {word}{'s' * (count != 1)}"
-
-
 def _without_fewer(folder: Path, beside: list[Path], inside: list[Path]) -> list[Path]:
     """The subfolders, or none with a warning if they hold fewer pictures than lie beside them."""
     held = [path for path in inside if _files(path, _SUFFIXES)]
@@ -188,8 +185,8 @@ def _without_fewer(folder: Path, beside: list[Path], inside: list[Path]) -> list
 def _warn_of_unused(folder: Path, beside: list[Path], names: list[str]) -> None:
     one = len(beside) == 1
     _warn(
-        f"videos={folder}: {_counted(len(beside), 'picture')} beside "
-        f"{_counted(len(names), 'camera')} ({_listed(names)}) {'is' if one else 'are'} not used. "
+        f"videos={folder}: {counted(len(beside), 'picture')} beside "
+        f"{counted(len(names), 'camera')} ({_listed(names)}) {'is' if one else 'are'} not used. "
         f"If {'it is' if one else 'they are'} meant, move {'it' if one else 'them'} into a folder "
         "of their own."
     )
@@ -271,7 +268,7 @@ def _photographs(folder: Path, pictures: list[Path]) -> list[Source]:
     left = len(pictures) - times * len(names)
     say(
         f"videos={folder}: by their names {cameras} at {times} times"
-        + (f"; {_counted(left, 'other')} are left out" if left else "")
+        + (f"; {counted(left, 'other')} are left out" if left else "")
         + ". If they are photographs of a scene that stands still, rename them."
     )
     return [one for name, own in named.cameras.items() for one in _camera(name, folder, own)]

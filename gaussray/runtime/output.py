@@ -20,3 +20,13 @@ def emit(text: str, stream: Any) -> None:
     except BrokenPipeError:
         with open(os.devnull, "w") as nowhere:
             os.dup2(nowhere.fileno(), stream.fileno())
+
+
+def counted(count: int, noun: str) -> str:
+    """A number and what it counts: `1 picture`, `2,000 pictures`.
+
+    Args:
+        count: the number.
+        noun: what one of them is called.
+    """
+    return f"{count:,} {noun}{'s' * (count != 1)}"

@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import NamedTuple
 
+from gaussray.runtime.output import counted
+
 
 PREVIEW_STAGES = ("tracing", "developing", "encoding")
 # Frames in the mean rate; a pause of this many seconds starts a new mean.
@@ -66,7 +68,7 @@ def status_text(status: RenderStatus) -> str:
     width, height = status.size
     picture = [
         f"{width} x {height} pixels",
-        f"{status.rays} ray{'s' * (status.rays != 1)} per pixel",
+        f"{counted(status.rays, 'ray')} per pixel",
     ]
     if status.final:
         picture.insert(0, "**Final picture**")
@@ -86,4 +88,4 @@ def status_text(status: RenderStatus) -> str:
 
 
 def _programs(count: int) -> str:
-    return f"{count} program{'s' * (count != 1)}"
+    return counted(count, "program")

@@ -29,6 +29,7 @@ from gaussray.reconstruct.auto.presets import (
 from gaussray.reconstruct.data.segments import training_views
 from gaussray.reconstruct.data.still_cameras import one_at_a_time
 from gaussray.reconstruct.options import FitOptions, ReconstructOptions
+from gaussray.runtime.output import counted
 
 
 MOTION_NOUNS = {
@@ -196,7 +197,7 @@ def _along_a_path(views: Sequence[View]) -> bool:
 
 
 def _sentence(options: ReconstructOptions, views: Sequence[View], scale: float, still: bool) -> str:
-    fit, parts = options.fit, [f"fit=auto: {len(views)} picture{'s' * (len(views) != 1)}"]
+    fit, parts = options.fit, [f"fit=auto: {counted(len(views), 'picture')}"]
     if scale < 1:
         parts.append(f"scaled by {scale:.2f} to {views[0].width} x {views[0].height}")
     if still or options.density.relocates:
@@ -212,7 +213,7 @@ def _sentence(options: ReconstructOptions, views: Sequence[View], scale: float, 
         parts.append(f"about {minutes} minute{'s' * (minutes != '1')} (fit.minutes)")
     elif still:
         steps = fit.coarse + fit.fine
-        parts.append(f"{steps:,} step{'s' * (steps != 1)}")
+        parts.append(counted(steps, "step"))
     else:
         parts.append(f"{fit.coarse} + {fit.fine} steps")
     return ", ".join(parts) + "."
