@@ -216,10 +216,11 @@ def _camera(
         times, place = [0.0, 1.0], [EYE, EYE + aside * right]
         turn.append(quaternion(_single(sweep @ axes)))
     zero = _single(0)
+    focus = "sphere" if lens.sees_sideways else "plane"
     return Camera(
         Film(side, side, "center"),
         lens,
-        Aperture(_single(radius), _single(2.5), zero, _single(1)),
+        Aperture(_single(radius), _single(2.5), zero, _single(1), focus=focus),
         Shutter(_single(-readout / 2), _single(readout / max(side - 1, 1)), _single(exposure)),
         Trajectory(_single(times), jnp.stack(turn), _single(place)),
         _single(0.5),

@@ -10,8 +10,8 @@ from jaxtyping import Array, Float
 
 from gaussray.camera.focus_pull import FocusPull, pulled_focus
 from gaussray.geometry import normalize
-from gaussray.io.plain_values import number, readable, to_device
-from gaussray.io.validate import known, require
+from gaussray.io.plain_values import number, readable, to_device, whole_number
+from gaussray.io.validate import check_count, known, require
 
 
 FOCUS = ("plane", "sphere")
@@ -23,8 +23,8 @@ class Rim(eqx.Module):
     A disc parallel to the aperture.
 
     Args:
-        radius: Radius in scene units, above 0.
-        distance: Distance in front of the aperture in scene units, above 0.
+        radius: radius in scene units, above 0.
+        distance: distance in front of the aperture in scene units, above 0.
     """
 
     radius: Float[Array, ""] = eqx.field(converter=number("aperture.rim.radius"))
@@ -50,16 +50,16 @@ class Aperture(eqx.Module):
     """The aperture of a thin lens; radius 0 is a pinhole, for which everything is in focus.
 
     Args:
-        radius: Radius in scene units, at least 0.
-        focus_distance: Distance in focus in scene units, above 0, or a `FocusPull`. Infinity is
+        radius: radius in scene units, at least 0.
+        focus_distance: distance in focus in scene units, above 0, or a `FocusPull`. Infinity is
             allowed.
-        rotation: Angle in radians, from +x towards up. The edges of the polygon have their middles
+        rotation: angle in radians, from +x towards up. The edges of the polygon have their middles
             at rotation + 2 pi k / blades.
-        ratio: Divides the horizontal radius (anamorphic lenses), above 0.
-        blades: Below 3 a disc, otherwise a regular polygon inscribed in the disc.
+        ratio: divides the horizontal radius (anamorphic lenses), above 0.
+        blades: below 3 a disc, otherwise a regular polygon inscribed in the disc.
         focus: "plane": in focus is the plane at depth `focus_distance`. "sphere": in focus is what
             lies at that distance along the ray, for lenses that see to 90 degrees and beyond.
-        rim: A second disc that clips oblique rays; it lies nearer than what is in focus.
+        rim: a second disc that clips oblique rays; it lies nearer than what is in focus.
         edges: `blades` as a number that a compiled program does not hold (`with_edges`).
 
     Raises:
@@ -70,7 +70,7 @@ class Aperture(eqx.Module):
     focus_distance: Float[Array, ""] | FocusPull = eqx.field(default=1.0, converter=_focus_distance)
     rotation: Float[Array, ""] = eqx.field(default=0.0, converter=number("aperture.rotation"))
     ratio: Float[Array, ""] = eqx.field(default=1.0, converter=number("aperture.ratio"))
-    blades: int = eqx.field(static=True, default=0)
+    blades: int = eqx.field(static=True, default=0, converter=whole_number)
     focus: str = eqx.field(static=True, default="plane")
     rim: Rim | None = None
     edges: Float[Array, ""] | None = None
@@ -81,10 +81,7 @@ class Aperture(eqx.Module):
         require("aperture.focus_distance", distance, lambda f: f > 0, "above 0")
         require("aperture.rotation", self.rotation, np.isfinite, "finite")
         require("aperture.ratio", self.ratio, lambda a: np.isfinite(a) & (a > 0), "above 0")
-        if self.blades < 0:
-            raise ValueError(
-                f"aperture.blades must be at least 0, got {self.blades}. 0 is a round aperture."
-            )
+        check_count("aperture.blades", self.blades, 0, "0 is a round aperture.")
         if self.focus not in FOCUS:
             raise ValueError(
                 f"aperture.focus must be one of {', '.join(FOCUS)}, got {self.focus!r}."

@@ -13,16 +13,17 @@ from gaussray.camera.aperture import Aperture, focused, thin_lens, transmitted
 from gaussray.camera.chromatic import reference_pixel
 from gaussray.camera.film import Film, sample_offset
 from gaussray.camera.lens import AbstractLens
+from gaussray.camera.lens.check import check_span
 from gaussray.camera.rays import Rays
-from gaussray.camera.shutter import Shutter, row_count, sample_time
+from gaussray.camera.shutter import Shutter, check_shutter, check_time, sample_time
 from gaussray.camera.trajectory import Trajectory, pose_at
 from gaussray.io.plain_values import number, optional, readable, to_device, vector
-from gaussray.io.validate import check_kind, require
+from gaussray.io.validate import check_kind, known, require
 
 
-def _film(size: Any) -> Film:
+def _film(size: Any) -> Any:
     """A film; (width, height) stands for one with the default filter."""
-    return Film(*size) if isinstance(size, tuple | list) else size
+    return Film(*size) if isinstance(size, tuple | list) and len(size) == 2 else size
 
 
 class Camera(eqx.Module):
@@ -35,19 +36,20 @@ class Camera(eqx.Module):
     of a single colour channel.
 
     Args:
-        film: Size of the picture in pixels, and the pixel filter; or (width, height).
-        lens: The map between pixels and viewing directions.
-        aperture: Aperture radius and focus distance in scene units; radius 0 is a pinhole.
-        shutter: Exposure and readout in the capture's unit of time.
+        film: size of the picture in pixels, and the pixel filter; or (width, height).
+        lens: the map between pixels and viewing directions.
+        aperture: aperture radius and focus distance in scene units; radius 0 is a pinhole.
+        shutter: exposure and readout in the capture's unit of time.
         trajectory: world_from_camera over time.
-        time: The frame's own time, in the capture's unit.
-        chromatic: Magnifications of red, green and blue about the optical axis
+        time: the frame's own time, in the capture's unit.
+        chromatic: magnifications of red, green and blue about the optical axis
             (`chromatic.reference_pixel`); None is no chromatic aberration.
-        clip_start: Nothing nearer than this along a ray is seen, in scene units; None is 0.
+        clip_start: nothing nearer than this along a ray is seen, in scene units; None is 0.
 
     Raises:
-        ValueError: If a part is of another type, a magnification is not above 0, or `clip_start`
-            is negative.
+        ValueError: If a part is of another type or does not fit the others, a magnification is not
+            above 0, `clip_start` is negative, or a plain number of a time so large that its
+            precision leaves nothing of the shutter.
     """
 
     film: Film = eqx.field(converter=_film)
@@ -63,6 +65,14 @@ class Camera(eqx.Module):
         default=None, converter=optional(number("camera.clip_start"))
     )
 
+    def __post_init__(self):
+        # Arrays are taken in the precision that they have: captures count times from their first.
+        if not isinstance(self.time, int | float | np.integer) or not self.time:
+            return
+        self.film, self.time = _film(self.film), number("camera.time")(self.time)
+        if isinstance(self.film, Film) and isinstance(self.shutter, Shutter):
+            check_time(self.time, self.shutter, (self.film.width, self.film.height))
+
     def __check_init__(self):
         check_kind("camera.film", self.film, Film, "(width, height) or a gaussray.Film")
         check_kind("camera.lens", self.lens, AbstractLens, "a lens, such as gaussray.Pinhole")
@@ -72,13 +82,9 @@ class Camera(eqx.Module):
         rule = "a gaussray.Trajectory, such as gaussray.look_at(eye)"
         check_kind("camera.trajectory", self.trajectory, Trajectory, rule)
         require("camera.time", self.time, np.isfinite, "finite")
-        shape = getattr(self.shutter.row_times, "shape", ())
-        rows = row_count(self.shutter.direction, (self.film.width, self.film.height))
-        if shape and shape[-1] < rows:
-            raise ValueError(
-                f"shutter.row_times must have one time for each of the {rows} rows (columns, if it "
-                f"reads sideways), got {shape[-1]}."
-            )
+        check_shutter(self.shutter, (self.film.width, self.film.height))
+        check_span(self.lens, self.film.width, self.film.height)
+        _check_focus(self.aperture, self.lens)
         if self.chromatic is not None:
             rule = "above 0"
             require("chromatic", self.chromatic, lambda m: np.isfinite(m) & (m > 0), rule)
@@ -90,12 +96,32 @@ class Camera(eqx.Module):
         return readable(self)
 
 
+def _check_focus(aperture: Aperture, lens: AbstractLens) -> None:
+    """Refuse depth of field about a plane for a lens that sees beside it, where both are known
+    and of one camera.
+
+    Args:
+        aperture: the aperture.
+        lens: the lens.
+    """
+    radius = aperture.radius
+    if aperture.focus != "plane" or not known(radius, *jax.tree.leaves(lens)) or np.ndim(radius):
+        return
+    with jax.ensure_compile_time_eval():
+        wrong = np.asarray(radius) > 0 and lens.sees_sideways
+    if wrong:
+        raise ValueError(
+            "aperture.focus must be sphere for a lens with a field of view of 180 degrees or more, "
+            "whose rays do not all meet a plane in front of it, got plane."
+        )
+
+
 def with_chromatic(camera: Camera, magnification: Sequence[float]) -> Camera:
     """The camera with chromatic aberration.
 
     Args:
-        camera: The camera.
-        magnification: Magnifications of red, green and blue; all 1 is no aberration.
+        camera: the camera.
+        magnification: magnifications of red, green and blue; all 1 is no aberration.
     """
     none = all(m == 1 for m in magnification)
     chromatic = None if none else to_device(magnification, camera.time.dtype)
@@ -111,11 +137,11 @@ def camera_ray(
     """The ray of one sample of a pixel, in world space.
 
     Args:
-        camera: The camera.
-        pixel: Index of the pixel (column, row).
-        u: Film x, film y, lens x, lens y and shutter, in [0, 1). 1/2 everywhere is the chief ray of
+        camera: the camera.
+        pixel: index of the pixel (column, row).
+        u: film x, film y, lens x, lens y and shutter, in [0, 1). 1/2 everywhere is the chief ray of
             the pixel's centre in the middle of its exposure.
-        magnification: Of one colour channel, an element of `Camera.chromatic`; None is the lens
+        magnification: of one colour channel, an element of `Camera.chromatic`; None is the lens
             itself (magnification 1).
 
     Returns:
@@ -144,10 +170,10 @@ def camera_rays(
     """The rays of many samples: `camera_ray` for each.
 
     Args:
-        camera: The camera.
-        pixel: Indices of the pixels (column, row).
-        u: Film x, film y, lens x, lens y and shutter of each sample, in [0, 1).
-        magnification: Of one colour channel, for all samples; None is the lens itself.
+        camera: the camera.
+        pixel: indices of the pixels (column, row).
+        u: film x, film y, lens x, lens y and shutter of each sample, in [0, 1).
+        magnification: of one colour channel, for all samples; None is the lens itself.
     """
     return jax.vmap(camera_ray, in_axes=(None, 0, 0, None))(camera, pixel, u, magnification)
 
@@ -158,8 +184,8 @@ def project(camera: Camera, point: Float[Array, "3"]) -> Float[Array, "2"]:
     Rolling shutter (see `rolling_projection`), aperture and chromatic aberration are left out.
 
     Args:
-        camera: The camera.
-        point: Position in scene units.
+        camera: the camera.
+        point: position in scene units.
 
     Returns:
         Position (column, row), pixel centres at +0.5; NaN where the lens does not image the point.

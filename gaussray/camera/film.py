@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from gaussray.io.plain_values import readable, whole_number
+from gaussray.io.validate import check_count, check_field_types
 
 
 FILTERS = ("box", "gaussian", "blackman_harris", "center")
@@ -19,11 +20,11 @@ class Film(eqx.Module):
     """Size of a picture and its pixel filter.
 
     Args:
-        width: Pixels per row, at least 1.
-        height: Pixels per column, at least 1.
+        width: pixels per row, at least 1.
+        height: pixels per column, at least 1.
         filter: "box", "gaussian", "blackman_harris", or "center" (rays pass the pixel's centre
             only).
-        filter_width: Total width of the filter in pixels, per axis. The default 3 of
+        filter_width: total width of the filter in pixels, per axis. The default 3 of
             blackman_harris is Blender's (whose property counts one side, 1.5); Blender's box is 1.
             The standard deviation of gaussian is a twelfth of the width (Blender's default is 4.5).
 
@@ -38,11 +39,10 @@ class Film(eqx.Module):
 
     def __check_init__(self):
         for key in ("width", "height"):
-            value = getattr(self, key)
-            if not isinstance(value, int) or value < 1:
-                raise ValueError(f"film.{key} must be a whole number from 1, got {value!r}.")
+            check_count(f"film.{key}", getattr(self, key), 1)
         if self.filter not in FILTERS:
             raise ValueError(f"film.filter must be one of {FILTERS}, got {self.filter!r}.")
+        check_field_types("film", self)
         if not 0 < self.filter_width < np.inf:
             raise ValueError(
                 f"film.filter_width must be above 0, got {self.filter_width}. "
@@ -59,8 +59,8 @@ def sample_offset(film: Film, u: Float[Array, "2"]) -> Float[Array, "2"]:
     Importance sampling by the inverse cumulative distribution, so all samples have equal weight.
 
     Args:
-        film: The film.
-        u: Two numbers in [0, 1); (1/2, 1/2) is the centre itself.
+        film: the film.
+        u: two numbers in [0, 1); (1/2, 1/2) is the centre itself.
 
     Returns:
         Offset (x, y) in pixels.

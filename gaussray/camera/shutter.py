@@ -3,17 +3,20 @@
 import dataclasses
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Num
 
 from gaussray.io.plain_values import number, optional, readable, to_device, vector
-from gaussray.io.validate import require
+from gaussray.io.validate import check_count, known, require
 
 
 DIRECTIONS = ("top_to_bottom", "bottom_to_top", "left_to_right", "right_to_left")
 SIDEWAYS = DIRECTIONS[2:]
 FIELDS = ("even", "odd")
+# Into so many parts, at most, the precision of a frame's time must divide readout and exposure.
+_READOUT_PARTS, _EXPOSURE_PARTS = 200, 4
 
 
 class Shutter(eqx.Module):
@@ -24,12 +27,12 @@ class Shutter(eqx.Module):
     unit.
 
     Args:
-        row_offset: Time of row 0 relative to the frame's time.
-        row_step: Time from one row to the next.
-        exposure: Exposure time of every row, at least 0; 0 is no motion blur.
-        direction: Order of readout; left_to_right and right_to_left read columns.
-        row_times: Extra time of each row, for sensors that do not read in order; None is 0.
-        trigger: Delay of this camera relative to the frame's time; None is 0.
+        row_offset: time of row 0 relative to the frame's time.
+        row_step: time from one row to the next.
+        exposure: exposure time of every row, at least 0; 0 is no motion blur.
+        direction: order of readout; left_to_right and right_to_left read columns.
+        row_times: extra time of each row, for sensors that do not read in order; None is 0.
+        trigger: delay of this camera relative to the frame's time; None is 0.
         readout_factors: `direction` as numbers that a compiled program does not hold
             (`with_readout_factors`).
 
@@ -81,16 +84,15 @@ def rolling_shutter(
     """A shutter that reads row after row, the frame's time in the middle of the readout.
 
     Args:
-        readout: Time from the first to the last row, in the capture's unit.
-        rows: Number of rows (of columns, for a direction that reads columns).
-        exposure: Exposure time of every row.
-        direction: Order of readout, one of `DIRECTIONS`.
+        readout: time from the first to the last row, in the capture's unit.
+        rows: number of rows (of columns, for a direction that reads columns).
+        exposure: exposure time of every row.
+        direction: order of readout, one of `DIRECTIONS`.
 
     Raises:
         ValueError: If there is no row, or another value breaks its rule.
     """
-    if rows < 1:
-        raise ValueError(f"rows must be a whole number from 1, got {rows}.")
+    check_count("rows", rows, 1)
     readout = number("shutter.readout")(readout)
     return Shutter(-readout / 2, readout / max(rows - 1, 1), exposure, direction=direction)
 
@@ -99,9 +101,9 @@ def shutter_of_row(shutter: Shutter, resolution: tuple[int, int], row: int) -> S
     """A global shutter that exposes the whole picture when a shutter exposes one of its rows.
 
     Args:
-        shutter: The shutter, whose exposure time is kept.
-        resolution: Width and height of the picture in pixels.
-        row: Number of the row; 0 is read first.
+        shutter: the shutter, whose exposure time is kept.
+        resolution: width and height of the picture in pixels.
+        row: number of the row; 0 is read first.
     """
     moment = to_device(row_moments(shutter, resolution)[row], shutter.row_offset.dtype)
     return Shutter(moment, jnp.zeros_like(moment), shutter.exposure, direction=shutter.direction)
@@ -113,9 +115,9 @@ def interlaced_row_times(
     """`row_times` of interlaced video: two fields, one after the other around the frame's time.
 
     Args:
-        rows: Number of rows.
-        field_time: Time from the first field to the second, in the capture's unit.
-        first: The field that is read first: "even" (rows 0, 2, 4, ...) or "odd".
+        rows: number of rows.
+        field_time: time from the first field to the second, in the capture's unit.
+        first: the field that is read first: "even" (rows 0, 2, 4, ...) or "odd".
 
     Raises:
         ValueError: `first` is another word.
@@ -129,8 +131,8 @@ def row_count(direction: str, resolution: tuple[int, int]) -> int:
     """Number of rows that a shutter reads; of columns, if it reads sideways.
 
     Args:
-        direction: Order of readout, one of `DIRECTIONS`.
-        resolution: Width and height of the picture in pixels.
+        direction: order of readout, one of `DIRECTIONS`.
+        resolution: width and height of the picture in pixels.
     """
     return resolution[0] if direction in SIDEWAYS else resolution[1]
 
@@ -139,8 +141,8 @@ def row_step_of(readout: float, rows: int) -> float:
     """Time from one row to the next.
 
     Args:
-        readout: Time from the first row to the last.
-        rows: Number of rows.
+        readout: time from the first row to the last.
+        rows: number of rows.
     """
     return readout / max(rows - 1, 1)
 
@@ -149,19 +151,54 @@ def check_shutter(shutter: Shutter, resolution: tuple[int, int]) -> None:
     """Check that `row_times` has a time for each row of the picture.
 
     Args:
-        shutter: The shutter.
-        resolution: Width and height of the picture in pixels.
+        shutter: the shutter.
+        resolution: width and height of the picture in pixels.
 
     Raises:
         ValueError: The number of times is another.
     """
     rows = row_count(shutter.direction, resolution)
-    if shutter.row_times is not None and shutter.row_times.shape != (rows,):
+    # Within `vmap` the axis may be missing, and a stack has axes before it.
+    shape = getattr(shutter.row_times, "shape", ())
+    if shape and shape[-1] != rows:
         what = "column" if shutter.direction in SIDEWAYS else "row"
         raise ValueError(
             f"shutter.row_times must be one time for each of the picture's {rows} {what}s, got "
-            f"{shutter.row_times.shape[-1]}."
+            f"{shape[-1]}."
         )
+
+
+def check_time(time: Float[Array, ""], shutter: Shutter, resolution: tuple[int, int]) -> None:
+    """Check that a frame's time is precise enough to tell rows and instants of exposure apart.
+
+    Neighbouring numbers of its precision must be no further apart than a quarter of the exposure,
+    and than a quarter of the time from row to row or, of many rows, a 200th of the readout.
+
+    Args:
+        time: the frame's time, in the capture's unit.
+        shutter: the shutter. One of traced numbers is not checked.
+        resolution: width and height of the picture in pixels.
+
+    Raises:
+        ValueError: They are further apart, so that rows or instants would share a time.
+    """
+    if not known(time, *jax.tree.leaves(shutter)):
+        return
+    check_shutter(shutter, resolution)
+    moments = row_moments(shutter, resolution)
+    parts = max(min(4 * (moments.shape[-1] - 1), _READOUT_PARTS), 1)
+    apart = np.spacing(np.abs(np.asarray(time)))
+    for name, whole, count in (
+        ("readout", np.ptp(moments, axis=-1), parts),
+        ("exposure", np.asarray(shutter.exposure), _EXPOSURE_PARTS),
+    ):
+        if np.any((whole > 0) & (apart > whole / count)):
+            raise ValueError(
+                f"camera.time must be so near 0 that its {apart.dtype} tells {count} parts of the "
+                f"shutter's {name} ({np.max(whole):g}) apart, got {np.asarray(time):.10g}, where "
+                f"numbers are {np.max(apart):.3g} apart. Subtract the first time from all, or "
+                "compute in double precision (jax_enable_x64)."
+            )
 
 
 def row_number(
@@ -172,9 +209,9 @@ def row_number(
     Of its column, if the shutter reads sideways.
 
     Args:
-        shutter: The shutter.
-        pixel: Index (column, row) of the pixel.
-        resolution: Width and height of the picture in pixels.
+        shutter: the shutter.
+        pixel: index (column, row) of the pixel.
+        resolution: width and height of the picture in pixels.
     """
     (column, row), (width, height) = pixel, resolution
     if shutter.readout_factors is not None:
@@ -194,8 +231,8 @@ def with_readout_factors(shutter: Shutter, resolution: tuple[int, int]) -> Shutt
     returned as it is.
 
     Args:
-        shutter: The shutter.
-        resolution: Width and height of the picture in pixels.
+        shutter: the shutter.
+        resolution: width and height of the picture in pixels.
     """
     if shutter.row_times is not None:
         return shutter
@@ -214,8 +251,8 @@ def first_and_last_pixels(shutter: Shutter, resolution: tuple[int, int]) -> np.n
     """Indices (column, row) of pixels that include the first and the last that the shutter reads.
 
     Args:
-        shutter: The shutter; with `row_times`, one pixel of each row is returned.
-        resolution: Width and height of the picture in pixels.
+        shutter: the shutter; with `row_times`, one pixel of each row is returned.
+        resolution: width and height of the picture in pixels.
     """
     width, height = resolution
     if shutter.row_times is None:
@@ -229,8 +266,8 @@ def time_window(shutter: Shutter, resolution: tuple[int, int]) -> tuple[float, f
     """Earliest and latest time at which any row is exposed, relative to the frame's time.
 
     Args:
-        shutter: One shutter, or a stack of them (with leading axes).
-        resolution: Width and height of the picture in pixels.
+        shutter: one shutter, or a stack of them (with leading axes).
+        resolution: width and height of the picture in pixels.
     """
     rows = np.arange(row_count(shutter.direction, resolution))
     middle = _moments(shutter, rows if shutter.row_times is not None else rows[[0, -1]])
@@ -242,8 +279,8 @@ def row_moments(shutter: Shutter, resolution: tuple[int, int]) -> Float[np.ndarr
     """Middle of the exposure of every row, in the order of readout, relative to the frame's time.
 
     Args:
-        shutter: The shutter.
-        resolution: Width and height of the picture in pixels.
+        shutter: the shutter.
+        resolution: width and height of the picture in pixels.
     """
     return _moments(shutter, np.arange(row_count(shutter.direction, resolution)))
 
@@ -268,11 +305,11 @@ def sample_time(
     neighbouring rows.
 
     Args:
-        shutter: The shutter.
-        pixel: Index (column, row) of the pixel.
-        resolution: Width and height of the picture in pixels.
-        time: The frame's time, in the capture's unit.
-        u: A number in [0, 1): the instant within the exposure. The mean over u is motion blur.
+        shutter: the shutter.
+        pixel: index (column, row) of the pixel.
+        resolution: width and height of the picture in pixels.
+        time: the frame's time, in the capture's unit.
+        u: a number in [0, 1): the instant within the exposure. The mean over u is motion blur.
     """
     i = row_number(shutter, pixel, resolution)
     time = time + shutter.row_offset + shutter.row_step * i + shutter.exposure * (u - 0.5)

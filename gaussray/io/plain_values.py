@@ -13,6 +13,8 @@ from jaxtyping import Array, DTypeLike
 
 # Numbers of an array that a repr shows; of a larger one it shows type and shape.
 _SHOWN = 16
+# What lists hold that numpy would turn into numbers, and are none.
+_NO_NUMBERS = (str, bytes, type(None))
 # Columns up to which a repr stays on one line.
 _LINE = 88
 
@@ -26,9 +28,9 @@ def vector(key: str, length: int | None = None, *, spread: bool = False) -> Call
     """A converter of a field that holds a list of numbers.
 
     Args:
-        key: The name of the field in messages.
-        length: How many numbers; None is any number of them.
-        spread: Whether one number stands for `length` equal ones; without a length, a plain number
+        key: the name of the field in messages.
+        length: how many numbers; None is any number of them.
+        spread: whether one number stands for `length` equal ones; without a length, a plain number
             for a list of one.
     """
     rule = "a list of numbers" if length is None else f"{length} numbers"
@@ -86,11 +88,11 @@ def to_array(key: str, value: Any, rule: str, shape: tuple[int | None, ...]) -> 
     """Numbers as a floating-point array.
 
     Args:
-        key: The name of the value in messages.
-        value: Numbers or nested lists of numbers, which must have the `shape`; or an array, which
+        key: the name of the value in messages.
+        value: numbers or nested lists of numbers, which must have the `shape`; or an array, which
             must end in it, and keeps its leading axes and precision (whole numbers become floats).
-        rule: What the value must be, for the message.
-        shape: The lengths of the axes, None where any length is allowed.
+        rule: what the value must be, for the message.
+        shape: the lengths of the axes, None where any length is allowed.
 
     Returns:
         The array; anything that already stands for one (a traced value, a shape) as it is.
@@ -103,6 +105,8 @@ def to_array(key: str, value: Any, rule: str, shape: tuple[int | None, ...]) -> 
             raise ValueError(f"{key} must be {rule}, got an array of shape {tuple(value.shape)}.")
         if not isinstance(value, jax.Array | np.ndarray | np.generic):
             return value
+        if not isinstance(value, jax.Array):
+            _refuse_text(key, value, rule, value)
         whole = not jnp.issubdtype(value.dtype, jnp.inexact)
         if isinstance(value, jax.Array) and not whole:
             return value
@@ -110,8 +114,8 @@ def to_array(key: str, value: Any, rule: str, shape: tuple[int | None, ...]) -> 
             return to_device(value, jnp.result_type(float) if whole else None)
     traced = any(isinstance(x, jax.Array) for x in jax.tree.leaves(value))
     try:
-        if value is None:  # numpy's answer would be NaN
-            raise TypeError
+        if not traced:
+            _refuse_text(key, np.asarray(value), rule, value)
         array = jnp.asarray(value) if traced else np.asarray(value, float)
     except (TypeError, ValueError):
         raise ValueError(f"{key} must be {rule}, got {value!r}.") from None
@@ -124,6 +128,13 @@ def to_array(key: str, value: Any, rule: str, shape: tuple[int | None, ...]) -> 
         return array
     with jax.ensure_compile_time_eval():
         return to_device(array, jnp.result_type(float))
+
+
+def _refuse_text(key: str, array: np.ndarray | np.generic, rule: str, value: Any) -> None:
+    """Refuse what numpy would take for numbers: a text as the one it spells, None as NaN."""
+    kind = array.dtype.kind
+    if kind in "USmM" or (kind == "O" and any(isinstance(x, _NO_NUMBERS) for x in array.flat)):
+        raise ValueError(f"{key} must be {rule}, got {value!r}.")
 
 
 def _ends_in(found: tuple[int, ...], wanted: tuple[int | None, ...]) -> bool:
@@ -180,7 +191,7 @@ def _numbers_text(value: Any) -> str:
 
 def _is_single(value: Any) -> bool:
     """Whether a value is one number rather than a list of them."""
-    return not isinstance(value, list | tuple) and getattr(value, "ndim", 0) == 0
+    return not isinstance(value, list | tuple | str | bytes) and getattr(value, "ndim", 0) == 0
 
 
 def _is_array(value: Any) -> bool:

@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any
 
+import jax
 import numpy as np
 from jax.core import Tracer
 
@@ -21,16 +22,16 @@ def require(
     the host.
 
     Args:
-        key: Name of the parameter.
-        value: A number or an array.
-        holds: The rule, a function of the array.
-        rule: The rule in words.
-        remedy: What the user can do.
+        key: name of the parameter.
+        value: a number or an array.
+        holds: the rule, a function of the array.
+        rule: the rule in words.
+        remedy: what the user can do.
 
     Raises:
         ValueError: The rule does not hold for every element.
     """
-    if isinstance(value, Tracer):
+    if isinstance(value, Tracer | jax.ShapeDtypeStruct):
         return
     array = np.asarray(value)
     good = holds(array)
@@ -45,13 +46,29 @@ def check_kind(key: str, value: Any, kind: type | tuple[type, ...], rule: str) -
     """Raise `<key> must be <rule>, got <value>.` unless the value is of a kind.
 
     Args:
-        key: The name of the value in messages.
-        value: What was given.
-        kind: Its type, or the types that it may have.
-        rule: What the value must be, and how to make one.
+        key: the name of the value in messages.
+        value: what was given.
+        kind: its type, or the types that it may have.
+        rule: what the value must be, and how to make one.
     """
     if not isinstance(value, kind):
         raise ValueError(f"{key} must be {rule}, got {value!r}.")
+
+
+def check_count(key: str, value: Any, least: int, remedy: str = "") -> None:
+    """Raise `<key> must be a whole number from <least>, got <value>. <remedy>` unless it is one.
+
+    Args:
+        key: the name of the value in messages.
+        value: what was given; a number of numpy is one, too.
+        least: the smallest that it may be.
+        remedy: what the user can do.
+    """
+    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if not whole or value < least:
+        raise ValueError(
+            f"{key} must be a whole number from {least}, got {value!r}. {remedy}".rstrip()
+        )
 
 
 _KINDS: dict[type, tuple[tuple[type, ...], str]] = {
@@ -67,8 +84,8 @@ def check_field_types(group: str, options: Any) -> None:
     default.
 
     Args:
-        group: What messages call the options.
-        options: A dataclass; fields whose default is no number and no text are not checked.
+        group: what messages call the options.
+        options: a dataclass; fields whose default is no number and no text are not checked.
     """
     for field in dataclasses.fields(options):
         if type(field.default) in _KINDS:

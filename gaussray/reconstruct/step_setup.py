@@ -84,7 +84,14 @@ def known_sizes(
 ) -> BlockSizes | None:
     """The sizes that an interrupted run was compiled for, or an earlier fit of the same pictures,
     so that this one goes on with the same programs; None where none are known for this stage and
-    as many devices."""
+    as many devices.
+
+    Args:
+        session: the segment.
+        stage: coarse or fine.
+        state: the state before the first step.
+        progress: the progress so far, with the sizes of an interrupted run.
+    """
     saved = progress.sizes
     if saved is None or not int(state.step):
         return session.shared.known(sizes_key(session, stage, state))
@@ -99,13 +106,25 @@ def known_sizes(
 
 def sizes_key(session: Session, stage: str, state: State) -> tuple[Hashable, ...]:
     """What decides which sizes the steps of a stage need: the rows of each kind of Gaussians, and
-    what a step draws of them."""
+    what a step draws of them.
+
+    Args:
+        session: the segment.
+        stage: coarse or fine.
+        state: the state before or after the steps.
+    """
     rows = tuple(len(part.mean) for part in state.parameters.kinds.values())
     options, keys = session.options, session.key_states(state)
     return "sizes", stage, rows, options.fit.tiles, options.fit.tile_side, options.trace, keys
 
 
 def saved_sizes(stage: str, sizes: BlockSizes) -> SavedSizes:
+    """The sizes as a checkpoint keeps them.
+
+    Args:
+        stage: coarse or fine.
+        sizes: what the steps are compiled for.
+    """
     levels = len(sizes.capacity.cells)
     return SavedSizes(stage, sizes.mesh.size, levels, tuple(_numbers(sizes)))
 

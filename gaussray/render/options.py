@@ -9,7 +9,7 @@ import equinox as eqx
 
 from gaussray.camera.sensor.sensor import SensorOptions
 from gaussray.io.plain_values import whole_number
-from gaussray.io.validate import check_kind
+from gaussray.io.validate import check_field_types
 
 
 # The standard error of a pixel is estimated from at least this many batches of samples.
@@ -22,21 +22,21 @@ class RenderOptions(eqx.Module):
     """How a picture is sampled.
 
     Args:
-        samples: Rays per pixel, over pixel filter, aperture and exposure.
-        keys: States of the scene across the times of one frame; each ray moves the Gaussians
+        samples: rays per pixel, over pixel filter, aperture and exposure.
+        keys: states of the scene across the times of one frame; each ray moves the Gaussians
             between them to its own time. 0 is three for every interval between the capture's
             timestamps (neighbouring intervals share a state), and one for a frame whose rays share
             one time.
-        chunk_rows: Above 0, the method of the paper instead: one state for so many rows (1 is a
+        chunk_rows: above 0, the method of the paper instead: one state for so many rows (1 is a
             state for every row).
-        dilation: Square pixels added to each Gaussian on the screen. A model shows as in the
+        dilation: square pixels added to each Gaussian on the screen. A model shows as in the
             rasteriser that it was fitted with: 3DGS has 0.3.
-        harmonics: Direction of the harmonics: "ray", or "center" from the camera's center to the
+        harmonics: direction of the harmonics: "ray", or "center" from the camera's center to the
             Gaussian's, as 3DGS has it.
-        error: Above 0, batches of `samples` are added until the standard error of the mean of 95 %
+        error: above 0, batches of `samples` are added until the standard error of the mean of 95 %
             of the pixels is at most that (linear light, the largest of three channels).
-        samples_most: Largest number of rays per pixel with `error`.
-        memory: Gigabytes that the rays of a frame may take. A larger frame is traced in strips of
+        samples_most: largest number of rays per pixel with `error`.
+        memory: gigabytes that the rays of a frame may take. A larger frame is traced in strips of
             rows (`parts.strip_rows`), with the same result. The scene itself comes on top, and 4
             bytes for each Gaussian in a bundle's list. Labels are cut likewise.
 
@@ -54,8 +54,7 @@ class RenderOptions(eqx.Module):
     memory: float = eqx.field(static=True, default=8.0)
 
     def __check_init__(self):
-        for key in ("samples", "keys", "chunk_rows", "samples_most"):
-            check_kind(f"render.{key}", getattr(self, key), int, "a whole number")
+        check_field_types("render", self)
         if self.samples < 1:
             raise ValueError(f"render.samples must be at least 1, got {self.samples}.")
         if self.keys not in (0, 2) and (self.keys < 3 or self.keys % 2 == 0):
@@ -90,11 +89,11 @@ class DatasetOptions:
     """What a dataset stores of every frame.
 
     Args:
-        sensor: The sensor that develops the light.
-        labels: Names of `aov.labeller.LABELS`, which are written beside the pictures.
-        fps: Frames per second of the videos.
-        info: Facts that are copied into the manifests.
-        interval: Time to the next frame, for flow labels of a single frame, in the capture's unit;
+        sensor: the sensor that develops the light.
+        labels: names of `aov.labeller.LABELS`, which are written beside the pictures.
+        fps: frames per second of the videos.
+        info: facts that are copied into the manifests.
+        interval: time to the next frame, for flow labels of a single frame, in the capture's unit;
             0 if there is none.
     """
 

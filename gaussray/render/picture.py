@@ -1,5 +1,8 @@
 """A picture as a pure function of scene and camera, differentiable in everything continuous."""
 
+import dataclasses
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -8,6 +11,7 @@ from jaxtyping import Array, Float, Int
 from gaussray.camera.camera import Camera
 from gaussray.camera.rays import Rays
 from gaussray.camera.sampling import random_samples, sobol_samples
+from gaussray.geometry import normalize
 from gaussray.io.plain_values import readable
 from gaussray.io.validate import check_kind
 from gaussray.render.compiled import ProgramSettings, part_values
@@ -29,19 +33,20 @@ from gaussray.render.plan import (
 from gaussray.scene.scene import Scene
 from gaussray.tracer.bundle import coherent_order
 from gaussray.tracer.options import TraceOptions
-from gaussray.tracer.trace import time_span, trace as trace_rays
+from gaussray.tracer.prepare import time_span
+from gaussray.tracer.trace import trace as trace_rays
 
 
 class Picture(eqx.Module):
     """A picture: the values of pixels or rays.
 
     Args:
-        color: Linear light; 1 is white.
-        alpha: Coverage, 1 - transmittance.
-        depth: Mean distance along the ray of what is seen, in scene units.
-        dropped: List entries that were dropped, and key states that were missing: 0 if the picture
+        color: linear light; 1 is white.
+        alpha: coverage, 1 - transmittance.
+        depth: mean distance along the ray of what is seen, in scene units.
+        dropped: list entries that were dropped, and key states that were missing: 0 if the picture
             is complete. Otherwise the plan was too small: use `plan.enlarged(picture.needed)`.
-        needed: List sizes that the picture needs, in the order of `Capacity`, and its number of key
+        needed: list sizes that the picture needs, in the order of `Capacity`, and its number of key
             states (`RenderOptions.keys`).
     """
 
@@ -81,13 +86,13 @@ def render(
     where it is read, and the normals that light on surfaces follows (docs/differentiable.md).
 
     Args:
-        scene: The scene; of a clip, one of its segments.
-        camera: The camera.
-        key: A `jax.random` key, which shifts the samples of all pixels by a random vector; None
+        scene: the scene; of a clip, one of its segments.
+        camera: the camera.
+        key: a `jax.random` key, which shifts the samples of all pixels by a random vector; None
             uses the same well-spread samples each time.
-        options: How the picture is sampled; default `RenderOptions()`, 4 rays a pixel.
-        trace: How rays are traced; default `TraceOptions()`.
-        plan: Sizes from `gaussray.plan`, which then holds options and trace.
+        options: how the picture is sampled; default `RenderOptions()`, 4 rays a pixel.
+        trace: how rays are traced; default `TraceOptions()`.
+        plan: sizes from `gaussray.plan`, which then holds options and trace.
 
     Returns:
         The picture, height x width, in linear light.
@@ -97,8 +102,11 @@ def render(
             options are given beside a plan, the scene is a clip, or the options need `Renderer`.
     """
     check_kind("camera", camera, Camera, "a gaussray.Camera")
+    _check_key(key)
     if plan is not None:
-        _check_plan(plan, options, trace)
+        _check_plan(scene, plan, options, trace)
+        if plan.rows == 0:
+            raise ValueError("plan must be of a camera, got one of rays: gaussray.plan(..., rays).")
         return _camera_picture(scene, camera, key, plan)
     return _with_plan(_camera_picture, scene, camera, key, options, trace)
 
@@ -113,10 +121,11 @@ def render_rays(
     """Render rays, each at its own time; pure and differentiable like `render`.
 
     Args:
-        scene: The scene; of a clip, one of its segments.
-        rays: Rays of any shape: origins, unit directions and times. A weight multiplies colour.
-        trace: How rays are traced; default `TraceOptions()`.
-        plan: Sizes from `gaussray.plan(scene, rays)`.
+        scene: the scene; of a clip, one of its segments.
+        rays: rays of any shape: origins, directions and times. Directions count as unit vectors
+            whatever their length; one of zero sees nothing. A weight multiplies colour.
+        trace: how rays are traced; default `TraceOptions()`.
+        plan: sizes from `gaussray.plan(scene, rays)`.
 
     Returns:
         Colour, coverage and distance in the shape of the rays.
@@ -125,19 +134,23 @@ def render_rays(
         ValueError: As for `render`.
     """
     check_kind("rays", rays, Rays, "gaussray.Rays")
+    rays = dataclasses.replace(rays, direction=_unit(rays.direction))
     if plan is not None:
-        _check_plan(plan, None, trace)
+        _check_plan(scene, plan, None, trace)
         return _ray_picture(scene, rays, None, plan)
     return _with_plan(_ray_picture, scene, rays, None, None, trace)
 
 
+_unit = jax.jit(normalize)
 _plans = PlanCache()
 
 
 def _with_plan(draw, scene, camera, key, options, trace) -> Picture:
     """A picture with list sizes and key states that are enough, if the arguments are numbers;
     otherwise with those of the last picture of such arguments."""
-    options, trace = options or RenderOptions(), trace or TraceOptions()
+    options = RenderOptions() if options is None else options
+    trace = TraceOptions() if trace is None else trace
+    check_kind("trace", trace, TraceOptions, "gaussray.TraceOptions(...)")
     check_renderable(scene, options)
     shapes = plan_key(scene, camera, options, trace)
     plan = _plans.get(shapes)
@@ -161,7 +174,21 @@ def _with_plan(draw, scene, camera, key, options, trace) -> Picture:
         plan = plan.enlarged(jax.lax.stop_gradient(picture.needed))
 
 
-def _check_plan(plan: Plan, options: RenderOptions | None, trace: TraceOptions | None) -> None:
+def _check_key(key: Any) -> None:
+    """Refuse what is neither None nor one key of `jax.random`, new or old (2 or 4 numbers)."""
+    if key is None:
+        return
+    dtype, axes = getattr(key, "dtype", None), len(getattr(key, "shape", ()))
+    new = dtype is not None and jnp.issubdtype(dtype, jax.dtypes.prng_key) and axes == 0
+    if not new and not (dtype == jnp.uint32 and axes == 1):
+        raise ValueError(f"key must be one key, such as jax.random.key(3), or None, got {key!r}.")
+
+
+def _check_plan(
+    scene: Scene, plan: Plan, options: RenderOptions | None, trace: TraceOptions | None
+) -> None:
+    check_kind("plan", plan, Plan, "a gaussray.Plan, which gaussray.plan(scene, camera) makes")
+    check_renderable(scene, plan.options)
     for name, value in (("options", options), ("trace", trace)):
         if value is not None and value != getattr(plan, name):
             raise ValueError(f"{name} must be left out beside a plan, which was made for its own.")

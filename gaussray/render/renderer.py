@@ -48,11 +48,7 @@ from gaussray.render.parts import (
     strip_tops,
     whole_picture,
 )
-from gaussray.render.picture_programs import (
-    measure_staged,
-    render_staged,
-    uses_stages,
-)
+from gaussray.render.picture_programs import measure_staged, render_staged, uses_stages
 from gaussray.render.views import FrameView, FrameViews, mark_single_batch
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import SCENE_RULE, Clip, segment_edges, segments_of

@@ -1,38 +1,59 @@
 """The matter of a scene: anisotropic Gaussians with view-dependent colour."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from gaussray.geometry import rotation_matrix
-from gaussray.io.plain_values import readable, rows, vector
+from gaussray.io.plain_values import readable, rows, to_array, vector
 from gaussray.io.validate import require
 from gaussray.scene.harmonics import C0, constant_harmonics
+
+
+# Coefficients of harmonics of degree 0 to 3.
+HARMONIC_COUNTS = (1, 4, 9, 16)
+
+
+def _harmonics(value: Any) -> Any:
+    return to_array("gaussians.harmonics", value, "numbers, n x 1, 4, 9 or 16 x 3", (None, None, 3))
 
 
 class Gaussians(eqx.Module):
     """Gaussians in physical values, a structure of arrays.
 
     Args:
-        mean: Centres, in scene units.
-        quat: Rotations (w, x, y, z) from the principal axes to the world, of any non-zero length.
-        scale: Standard deviations along the principal axes, above 0, in scene units.
-        opacity: Peak alpha in [0, 1].
+        mean: centres, in scene units.
+        quat: rotations (w, x, y, z) from the principal axes to the world, of any non-zero length.
+        scale: standard deviations along the principal axes, above 0, in scene units.
+        opacity: peak alpha in [0, 1].
         harmonics: (L+1)^2 spherical-harmonics coefficients of linear colour.
-        tint: Factor of the colour, per channel, for shading that changes over time; None is 1.
+        tint: factor of the colour, per channel, for shading that changes over time; None is 1.
+
+    Raises:
+        ValueError: The arrays are not of equally many Gaussians, or the harmonics of no degree from
+            0 to 3.
     """
 
     mean: Float[Array, "*keys gaussians 3"] = eqx.field(converter=rows("gaussians.mean", 3))
     quat: Float[Array, "*keys gaussians 4"] = eqx.field(converter=rows("gaussians.quat", 4))
     scale: Float[Array, "*keys gaussians 3"] = eqx.field(converter=rows("gaussians.scale", 3))
     opacity: Float[Array, " gaussians"] = eqx.field(converter=vector("gaussians.opacity"))
-    harmonics: Float[Array, "gaussians coefficients 3"]
+    harmonics: Float[Array, "gaussians coefficients 3"] = eqx.field(converter=_harmonics)
     tint: Float[Array, "*keys gaussians 3"] | None = None
+
+    def __check_init__(self):
+        given = {name: value for name, value in vars(self).items() if value is not None}
+        shapes = {name: x.shape for name, x in given.items() if hasattr(x, "shape")}
+        # Trees of other things than arrays have this type, too.
+        if len(shapes) == len(given):
+            _check_shapes(shapes)
 
     @property
     def count(self) -> int:
@@ -46,21 +67,24 @@ class Gaussians(eqx.Module):
         """Gaussians whose colours are the same from everywhere.
 
         Args:
-            mean: Centres in scene units, n x 3.
-            color: Red, green and blue in linear light (1 is white), n x 3, or one for all.
-            scale: Standard deviations in scene units: one number, one for each axis, or n x 3.
-            opacity: Peak alpha in [0, 1], one or n of them.
-            quat: Rotations (w, x, y, z), one or n x 4; None is none.
+            mean: centres in scene units, n x 3.
+            color: red, green and blue in linear light (1 is white), n x 3, or one for all.
+            scale: standard deviations in scene units: one number, one for each axis, or n x 3.
+            opacity: peak alpha in [0, 1], one or n of them.
+            quat: rotations (w, x, y, z), one or n x 4; None is none.
 
         Raises:
-            ValueError: The numbers are not as many as there are centres, a scale is not above 0, or
-                an opacity not from 0 to 1.
+            ValueError: The numbers are not as many as there are centres or not finite, a scale is
+                not above 0, an opacity not from 0 to 1, or a rotation zero.
         """
         mean = rows("gaussians.mean", 3)(mean)
         count = mean.shape[0]
 
         def each(name: str, value: Any, *shape: int) -> Array:
-            array = jnp.asarray(value, mean.dtype)
+            try:
+                array = jnp.asarray(value, mean.dtype)
+            except (TypeError, ValueError):
+                raise ValueError(f"gaussians.{name} must be numbers, got {value!r}.") from None
             if array.ndim == 1 and shape:
                 array = array[None]
             try:
@@ -72,11 +96,14 @@ class Gaussians(eqx.Module):
                 ) from None
 
         turn = each("quat", (1, 0, 0, 0) if quat is None else quat, 4)
-        harmonics = constant_harmonics(each("color", color, 3), 0)
+        paint = each("color", color, 3)
         scale, opacity = each("scale", scale, 3), each("opacity", opacity)
+        for name, value in (("mean", mean), ("color", paint), ("quat", turn), ("scale", scale)):
+            require(f"gaussians.{name}", value, np.isfinite, "finite")
+        require("gaussians.quat", turn, _is_turn, "not zero", "(1, 0, 0, 0) is no rotation.")
         require("gaussians.scale", scale, lambda s: s > 0, "above 0")
         require("gaussians.opacity", opacity, lambda o: (o >= 0) & (o <= 1), "from 0 to 1")
-        return cls(mean, turn, scale, opacity, harmonics)
+        return cls(mean, turn, scale, opacity, constant_harmonics(paint, 0))
 
     def __repr__(self) -> str:
         # Trees of other things than arrays (shapes, specifications) have this type, too.
@@ -85,6 +112,37 @@ class Gaussians(eqx.Module):
         keys = "" if self.mean.ndim == 2 else f" at {self.mean.shape[0]} times"
         degree = math.isqrt(self.harmonics.shape[-2]) - 1
         return f"Gaussians({self.count:,}{keys}, degree {degree}, {self.mean.dtype})"
+
+
+def _is_turn(quat: np.ndarray) -> np.ndarray:
+    """For each number of quaternions, whether its quaternion is not zero."""
+    return np.broadcast_to(np.any(quat != 0, axis=-1, keepdims=True), quat.shape)
+
+
+def _check_shapes(shapes: Mapping[str, tuple[int, ...]]) -> None:
+    """Check that arrays are of equally many Gaussians, whatever key states some have.
+
+    Args:
+        shapes: the shape of each array by its name. Within `vmap` over Gaussians, that of one.
+    """
+    count, harmonics = shapes["opacity"], shapes["harmonics"]
+    if len(count) > 1:
+        raise ValueError(
+            f"gaussians.opacity must be one number for each Gaussian, got the shape {count}."
+        )
+    if harmonics[-2:-1] not in {(n,) for n in HARMONIC_COUNTS} or harmonics[:-2] != count:
+        wanted = "".join(f"{n} x " for n in count)
+        raise ValueError(
+            f"gaussians.harmonics must be {wanted}1, 4, 9 or 16 x 3 numbers, got the shape "
+            f"{harmonics}. Gaussians.colored takes plain colours."
+        )
+    keys = shapes["mean"][: len(shapes["mean"]) - 1 - len(count)]
+    for name in ("mean", "quat", "scale", "tint"):
+        if name in shapes and shapes[name][:-1] != (*keys, *count):
+            raise ValueError(
+                f"gaussians.{name} must be one for each of the {math.prod(count)} Gaussians that "
+                f"gaussians.opacity has, got the shape {shapes[name]}."
+            )
 
 
 class Unconstrained(eqx.Module):
@@ -190,8 +248,8 @@ def whitening_matrix(
     """A = S^-1 R^T: takes a world vector to the frame in which the Gaussian is the unit sphere.
 
     Args:
-        quat: Unit quaternions (w, x, y, z) of R, from the Gaussian's axes to the world.
-        scale: Standard deviations along the axes, scene units.
+        quat: unit quaternions (w, x, y, z) of R, from the Gaussian's axes to the world.
+        scale: standard deviations along the axes, scene units.
     """
     return jnp.swapaxes(rotation_matrix(quat), -1, -2) / scale[..., :, None]
 
@@ -202,7 +260,7 @@ def principal_axes(
     """F = R S: the principal axes as columns, one standard deviation long; F F^T = covariance.
 
     Args:
-        quat: Unit quaternions (w, x, y, z) of R, from the Gaussian's axes to the world.
-        scale: Standard deviations along the axes, scene units.
+        quat: unit quaternions (w, x, y, z) of R, from the Gaussian's axes to the world.
+        scale: standard deviations along the axes, scene units.
     """
     return rotation_matrix(quat) * scale[..., None, :]

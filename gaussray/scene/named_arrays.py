@@ -14,7 +14,7 @@ from jaxtyping import Array
 from gaussray.scene.bodies import Bodies
 from gaussray.scene.control_points import ControlPoints
 from gaussray.scene.deformation import HEADS, Deformation, Layer
-from gaussray.scene.gaussians import Gaussians
+from gaussray.scene.gaussians import HARMONIC_COUNTS, Gaussians
 from gaussray.scene.light import Light
 from gaussray.scene.planes import Planes
 from gaussray.scene.residual_field import ResidualField
@@ -192,7 +192,13 @@ def _rows(
     rows = {field: value.shape[:1] for field, value in values.items()}
     if len(set(rows.values())) != 1:
         raise ValueError(f"{path}: the arrays of '{prefix}' differ in length: {rows}.")
-    expected = shapes | {"harmonics": (*values["harmonics"].shape[1:2], 3)}
+    coefficients = values["harmonics"].shape[1:2]
+    if coefficients and coefficients[0] not in HARMONIC_COUNTS:
+        raise ValueError(
+            f"{path}: the array '{prefix}.harmonics' must hold 1, 4, 9 or 16 coefficients, got "
+            f"{coefficients[0]}; the scene is damaged."
+        )
+    expected = shapes | {"harmonics": (*coefficients, 3)}
     for field, value in values.items():
         if value.shape[1:] != expected[field]:
             raise ValueError(

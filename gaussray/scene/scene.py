@@ -11,7 +11,7 @@ from jaxtyping import Array, Float, Int
 
 from gaussray.geometry import inlined
 from gaussray.io.plain_values import readable, value_text, vector
-from gaussray.io.validate import check_kind
+from gaussray.io.validate import check_kind, require
 from gaussray.scene.deformation import Deformation
 from gaussray.scene.gaussians import Gaussians, concatenate
 from gaussray.scene.light import Light
@@ -31,13 +31,16 @@ class Scene(eqx.Module):
     Args:
         static: Gaussians that do not move.
         moving: Gaussians that the deformation moves; by default none.
-        deformation: A function of the moving Gaussians and a time; None if nothing moves.
-        time_range: First and last time of the capture, in the capture's unit; before and after it
+        deformation: a function of the moving Gaussians and a time; None if nothing moves.
+        time_range: first and last time of the capture, in the capture's unit; before and after it
             nothing moves.
         transient: Gaussians that live for a short time and move along straight lines; None for
             none.
-        light: Light that changes over time; None for light that does not.
-        shading: Shadows and reflected light that pass over static Gaussians; None for none.
+        light: light that changes over time; None for light that does not.
+        shading: shadows and reflected light that pass over static Gaussians; None for none.
+
+    Raises:
+        ValueError: `static` is of another type, or a time is not finite or out of order.
     """
 
     static: Gaussians
@@ -54,6 +57,14 @@ class Scene(eqx.Module):
         check_kind("scene.static", self.static, Gaussians, "gaussray.Gaussians")
         if self.moving is None:
             self.moving = jax.tree.map(lambda x: x[:0], self.static)
+
+    def __check_init__(self):
+        require(
+            "scene.time_range",
+            self.time_range,
+            lambda t: np.isfinite(t).all() & np.all(t[..., 0] <= t[..., 1]),
+            "a finite first time and a last one that is not before it",
+        )
 
     def __repr__(self) -> str:
         if not eqx.is_array(getattr(self.static, "opacity", None)):
@@ -86,8 +97,8 @@ def at(scene: Scene, time: Float[Array, ""]) -> Gaussians:
     colours are those in the light of this time.
 
     Args:
-        scene: The scene.
-        time: In the unit of `scene.time_range`.
+        scene: the scene.
+        time: in the unit of `scene.time_range`.
     """
     gaussians = persistent_at(scene, time)
     if scene.transient is not None:
@@ -100,9 +111,9 @@ def persistent_at(scene: Scene, time: Float[Array, ""], *, held: bool = False) -
     """The static and the moving Gaussians of a scene at a time, in this order, in usual light.
 
     Args:
-        scene: The scene.
-        time: In the unit of `scene.time_range`.
-        held: What derivatives leave out (`deform`).
+        scene: the scene.
+        time: in the unit of `scene.time_range`.
+        held: what derivatives leave out (`deform`).
     """
     static = static_at(scene, time, held=held)
     if scene.deformation is None:
@@ -114,9 +125,9 @@ def static_at(scene: Scene, time: Float[Array, ""], *, held: bool = False) -> Ga
     """The static Gaussians of a scene in the shade of a time, in usual light.
 
     Args:
-        scene: The scene.
-        time: In the unit of `scene.time_range`.
-        held: Whether derivatives leave out how the shade depends on places.
+        scene: the scene.
+        time: in the unit of `scene.time_range`.
+        held: whether derivatives leave out how the shade depends on places.
     """
     if scene.shading is None:
         return scene.static
@@ -130,9 +141,9 @@ def moving_at(scene: Scene, time: Float[Array, " keys"], *, held: bool = False) 
     unless the deformation changes them.
 
     Args:
-        scene: The scene.
-        time: Increasing times, in the unit of `scene.time_range`.
-        held: What derivatives leave out (`deform`).
+        scene: the scene.
+        time: increasing times, in the unit of `scene.time_range`.
+        held: what derivatives leave out (`deform`).
 
     Raises:
         ValueError: The scene has no deformation.
@@ -152,8 +163,8 @@ def key_count(scene: Scene, span: float) -> int:
     is as short as the motion was sampled. Transient Gaussians need none.
 
     Args:
-        scene: The scene.
-        span: Time from the first to the last ray of the frame, in the capture's unit.
+        scene: the scene.
+        span: time from the first to the last ray of the frame, in the capture's unit.
     """
     if scene.deformation is None:
         return 1
@@ -167,8 +178,8 @@ def key_count_of(scene: Scene, span: Float[Array, ""]) -> Int[Array, ""]:
     """`key_count` of a frame whose duration is known in a program alone; 1 for one without.
 
     Args:
-        scene: The scene.
-        span: Time from the first to the last ray of the frame, in the capture's unit.
+        scene: the scene.
+        span: time from the first to the last ray of the frame, in the capture's unit.
     """
     if scene.deformation is None:
         return jnp.ones((), jnp.int32)

@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 from jax.typing import DTypeLike
 
+from gaussray.io.validate import check_field_types
 from gaussray.runtime.devices import has_machine_code
 from gaussray.tracer import cuda
 
@@ -18,17 +19,17 @@ class TraceOptions(eqx.Module):
     """Options of the tracer. All are static: changing one recompiles.
 
     Args:
-        k: Hits per round. Rounds continue until the transmittance falls to `transmittance_min` or
+        k: hits per round. Rounds continue until the transmittance falls to `transmittance_min` or
             no hit is left, so k affects speed only.
-        alpha_min: Alpha below which a Gaussian has no effect.
-        alpha_max: Largest alpha of a hit.
-        transmittance_min: Transmittance at which a ray ends.
-        bundle: Side of a square bundle of rays, in pixels.
-        levels: Number of coarser bundle levels; 0 for bundles that are not neighbours. Scenes of
+        alpha_min: alpha below which a Gaussian has no effect.
+        alpha_max: largest alpha of a hit.
+        transmittance_min: transmittance at which a ray ends.
+        bundle: side of a square bundle of rays, in pixels.
+        levels: number of coarser bundle levels; 0 for bundles that are not neighbours. Scenes of
             millions of Gaussians get more levels.
-        group: Bundles that march together; 0 is 4 on a CPU, whose caches they fill, and 16 on a
+        group: bundles that march together; 0 is 4 on a CPU, whose caches they fill, and 16 on a
             GPU.
-        chunk: List entries that are read at once.
+        chunk: list entries that are read at once.
         backend: "array" runs everywhere in any precision; "kernel" is single precision, by CUDA on
             a GPU (kernel.py) or Numba on a CPU (cpu/kernel.py); "auto" is the kernel where it runs.
 
@@ -47,6 +48,7 @@ class TraceOptions(eqx.Module):
     backend: str = eqx.field(static=True, default="auto")
 
     def __check_init__(self):
+        check_field_types("trace", self)
         for name in ("k", "bundle", "chunk"):
             if getattr(self, name) < 1:
                 raise ValueError(f"trace.{name} must be at least 1, got {getattr(self, name)}.")
@@ -73,8 +75,8 @@ def on_kernel(options: TraceOptions, dtype: DTypeLike) -> bool:
     """Whether the CUDA kernel traces rays of a precision.
 
     Args:
-        options: Options of the tracer.
-        dtype: Precision of the rays.
+        options: options of the tracer.
+        dtype: precision of the rays.
 
     Raises:
         ValueError: the kernel is asked for and runs neither on a GPU nor on a CPU.
@@ -99,8 +101,8 @@ def on_cpu_kernel(options: TraceOptions, dtype: DTypeLike) -> bool:
     Machine code finds their lists as well (cpu/lists.py), without a grid.
 
     Args:
-        options: Options of the tracer.
-        dtype: Precision of the rays.
+        options: options of the tracer.
+        dtype: precision of the rays.
     """
     single = jnp.dtype(dtype) == jnp.float32
     on_cpu = jax.default_backend() == "cpu"
@@ -112,7 +114,7 @@ def grid_levels(options: TraceOptions, dtype: DTypeLike) -> int:
     which looks at the Gaussians themselves (cpu/lists.py).
 
     Args:
-        options: Options of the tracer.
-        dtype: Precision of the rays.
+        options: options of the tracer.
+        dtype: precision of the rays.
     """
     return 0 if on_cpu_kernel(options, dtype) else options.levels + 1

@@ -126,7 +126,12 @@ def map_leading(function: Callable, tree):
 
 
 def slot_needs(count: Array, capacity: Capacity) -> tuple[Array, Array]:
-    """`needed` and `dropped` of lists that only have `slots`."""
+    """`needed` and `dropped` of lists that only have `slots`.
+
+    Args:
+        count: how many Gaussians each list holds.
+        capacity: sizes of the lists.
+    """
     none = jnp.zeros(len(capacity.cells) + 1, jnp.int32)
     needed = jnp.append(none, jnp.max(count))
     return needed, jnp.sum(jnp.maximum(count - capacity.slots, 0), dtype=jnp.int32)

@@ -51,7 +51,10 @@ def viewpoint_at(path: Trajectory, fraction: float) -> Viewpoint:
         fraction: fraction of the path's duration, from 0 to 1.
     """
     first, last = float(path.time[0]), float(path.time[-1])
-    time = first + fraction * (last - first)
+    return _viewpoint_at_time(path, first + fraction * (last - first))
+
+
+def _viewpoint_at_time(path: Trajectory, time: float) -> Viewpoint:
     pose = jax.device_get(pose_at(path, jnp.asarray(time, jnp.float32)))
     quat, position = (tuple(float(x) for x in part) for part in (pose.quat, pose.translation))
     return Viewpoint(quat, position, time)  # type: ignore[arg-type]
@@ -71,8 +74,8 @@ def turntable(
         ValueError: The direction of view is along `up`.
     """
     circle = orbit(viewpoint.position, target, up)
-    fractions = np.linspace(0, 1, TURNTABLE_KEYFRAMES + 1)
-    return [viewpoint_at(circle, float(fraction)) for fraction in fractions]
+    times = np.linspace(0, 1, TURNTABLE_KEYFRAMES + 1)
+    return [_viewpoint_at_time(circle, float(time)) for time in times]
 
 
 def save_path(folder: Path, path: Trajectory) -> Path:

@@ -225,7 +225,7 @@ def test_single_precision_stays_single():
         ({"focus_distance": 0}, "aperture.focus_distance must be above 0, got 0"),
         ({"rotation": np.inf}, "aperture.rotation must be finite"),
         ({"ratio": 0}, "aperture.ratio must be above 0"),
-        ({"blades": -1}, "aperture.blades must be at least 0, got -1"),
+        ({"blades": -1}, "aperture.blades must be a whole number from 0, got -1"),
         ({"focus": "cone"}, "aperture.focus must be one of"),
     ],
 )

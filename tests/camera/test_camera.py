@@ -72,6 +72,10 @@ def wide(radius=0.2, distance=2.0, focus="plane"):
     return Aperture(number(radius), number(distance), number(0), number(1), focus=focus)
 
 
+def wide_for(lens):
+    return wide(focus="plane" if lens == "pinhole" else "sphere")
+
+
 @pytest.mark.parametrize("lens", LENSES)
 def test_the_chief_ray_is_the_lens_seen_from_the_pose(lens):
     pixel = jnp.array([3.0, 5.0])
@@ -152,8 +156,8 @@ def test_moving_camera_and_world_together_changes_nothing_in_the_camera():
     moved = static_trajectory(RigidTransform(turned, motion.apply(POSE.translation)))
     pixel, u = jnp.array([2.0, 6.0]), jnp.array([0.1, 0.8, 0.3, 0.9, 0.4])
     for lens in LENSES:
-        before = shoot_one(camera(lens, aperture=wide()), pixel, u)
-        after = shoot_one(camera(lens, aperture=wide(), trajectory=moved), pixel, u)
+        before = shoot_one(camera(lens, aperture=wide_for(lens)), pixel, u)
+        after = shoot_one(camera(lens, aperture=wide_for(lens), trajectory=moved), pixel, u)
         np.testing.assert_allclose(after.origin, motion.apply(before.origin), atol=1e-10)
         np.testing.assert_allclose(after.direction, motion.rotate(before.direction), atol=1e-10)
 
@@ -182,7 +186,11 @@ def test_single_precision_stays_single_through_all_parts():
     for lens in LENSES:
         taken, pixel, u = jax.tree.map(
             lambda x: x.astype(jnp.float32),
-            (camera(lens, aperture=wide(), trajectory=moving()), jnp.array([2.0, 3.0]), HALF),
+            (
+                camera(lens, aperture=wide_for(lens), trajectory=moving()),
+                jnp.array([2.0, 3.0]),
+                HALF,
+            ),
         )
         ray = shoot_one(taken, pixel, u)
         assert all(x.dtype == jnp.float32 for x in jax.tree.leaves(ray))
@@ -193,7 +201,7 @@ def test_single_precision_stays_single_through_all_parts():
 def test_gradients_reach_every_parameter_and_are_right(lens):
     taken = camera(
         lens,
-        aperture=wide(focus="sphere" if lens != "pinhole" else "plane"),
+        aperture=wide_for(lens),
         shutter=Shutter(number(0.2), number(0.03), number(0.1)),
         trajectory=Trajectory(
             jnp.array([0.0, 1.0]),

@@ -65,7 +65,7 @@ def test_a_fisheye_becomes_the_pinhole_of_the_same_angle_across():
 
 def test_more_than_a_pinhole_shows_is_refused():
     with pytest.raises(ValueError, match="labels: sharp needs a picture of at most 170 degrees"):
-        ideal_pinhole_of(filmed(fisheye(5.0, limit=1.6)))
+        ideal_pinhole_of(filmed(fisheye(5.0, limit=1.57)))
 
 
 def test_the_twin_of_a_twin_is_the_twin():

@@ -283,6 +283,16 @@ def test_on_a_dense_scene_the_derivative_is_that_at_a_fixed_order_of_hits():
     assert abs(free - slope) > 0.02 * abs(slope)
 
 
+def test_distance_is_in_scene_units_whatever_the_length_of_a_direction():
+    scene = gaussray.Scene(gaussray.Gaussians.colored([0, 0, 3], [1, 0, 0], scale=0.1))
+    direction = np.array([[0, 0, 1], [0, 0, 2.5], [0, 0, 1e-3], [0, 0, 0]])
+    rays = gaussray.Rays(np.zeros((4, 3)), direction, np.zeros(4))
+    seen = gaussray.render_rays(scene, rays)
+    np.testing.assert_allclose(seen.depth, [3, 3, 3, 0], atol=1e-12)
+    np.testing.assert_allclose(seen.alpha[:3], seen.alpha[0], atol=1e-12)
+    assert seen.alpha[0] > 0.5 and seen.alpha[3] == 0
+
+
 def test_what_only_the_renderer_does_is_refused(dense):
     scene, camera, _ = dense
     with pytest.raises(ValueError, match="options.chunk_rows must be 0 here"):

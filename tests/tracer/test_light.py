@@ -67,8 +67,8 @@ def in_single_precision(options):
     """What machine code shows of a lit scene beside the arrays, with samples."""
     motion = replace(SCENES["transient"](np.float32), light=lamp(np.float32))
     one = shot(rays(256), np.float32)
-    lines = replace(one, **{k: jnp.stack([getattr(one, k)] * 2) for k in ("origin", "direction")})
-    lines = replace(lines, time=jnp.stack([one.time, one.time[::-1]]))
+    twice = {k: jnp.stack([getattr(one, k)] * 2) for k in ("origin", "direction")}
+    lines = replace(one, **twice, time=jnp.stack([one.time, one.time[::-1]]))
     room = measure(motion, lines, options=options)
     shown, _ = look(motion, lines, options=options, capacity=room)
     usual, _ = look(replace(motion, light=None), lines, options=options, capacity=room)

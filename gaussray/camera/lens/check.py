@@ -8,6 +8,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from gaussray.camera.lens.abstract import AbstractLens
+from gaussray.camera.lens.equirectangular import Equirectangular
+from gaussray.io.validate import known
 from gaussray.runtime.program_cache import quick_compilation
 from gaussray.runtime.stored_programs import KeptProgram
 
@@ -26,10 +28,10 @@ def check_lens(lens: AbstractLens, width: int, height: int, dark: float = 0.0) -
     without a direction (black) are no error, except under a pinhole, where the distortion folds.
 
     Args:
-        lens: The lens.
-        width: Width of the picture in pixels.
-        height: Height of the picture in pixels.
-        dark: Largest share of the picture that may have no direction under a pinhole, too.
+        lens: the lens.
+        width: width of the picture in pixels.
+        height: height of the picture in pixels.
+        dark: largest share of the picture that may have no direction under a pinhole, too.
 
     Returns:
         The share of the picture that has no direction, as the grid tells it.
@@ -58,6 +60,30 @@ def check_lens(lens: AbstractLens, width: int, height: int, dark: float = 0.0) -
             f"{np.asarray(pixel)[wrong][0].tolist()} (column, row). {remedy}"
         )
     return lacking
+
+
+def check_span(lens: AbstractLens, width: int, height: int) -> None:
+    """Check that a picture holds no more than the whole sphere: what of `check_lens` costs nothing.
+
+    A picture whose border pixels lie beyond by no more than half a pixel is none.
+
+    Args:
+        lens: the lens. One of traced numbers is not checked.
+        width: width of the picture in pixels.
+        height: height of the picture in pixels.
+
+    Raises:
+        ValueError: The picture holds more.
+    """
+    if not isinstance(lens, Equirectangular) or not known(lens.focal):
+        return
+    most = np.asarray(lens.focal) * (2, 1)
+    if np.any(np.array((width, height)) > most + 1):
+        key, remedy = lens.fold_message
+        raise ValueError(
+            f"{key} must be at least {[max(width - 1, 1) / 2, max(height - 1, 1)]} for pictures of "
+            f"{width} x {height} pixels, got {np.asarray(lens.focal).tolist()}. {remedy}"
+        )
 
 
 def _there_and_back(

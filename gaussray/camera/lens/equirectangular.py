@@ -62,7 +62,7 @@ class Equirectangular(FocalLens):
         return jnp.stack([longitude, latitude]) / jnp.pi, imaged
 
     def check_image(self) -> None:
-        """Any focal length is a lens; `check_lens` refuses pictures of more than the sphere."""
+        """Any focal length is a lens; `check_span` refuses pictures of more than the sphere."""
 
 
 def _from_options(film: Film, options: LensOptions) -> Equirectangular:

@@ -1,5 +1,6 @@
 """The sensor: from linear light on the film to the values that a picture stores."""
 
+import itertools
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -14,6 +15,7 @@ from gaussray.camera.sensor.mosaic import PATTERNS, demosaic, mosaic
 from gaussray.camera.sensor.noise import add_noise
 from gaussray.camera.sensor.tone import TONE_CURVES, apply_tone_curve
 from gaussray.camera.sensor.vignetting import least_transmission, transmission
+from gaussray.io.validate import check_field_types
 
 
 # Electrons up to which single precision draws Poisson's law: the variance of 10^6 draws is as near
@@ -25,21 +27,21 @@ class SensorOptions(eqx.Module):
     """The config group `sensor`. Every key is off by default and then costs nothing.
 
     Args:
-        chromatic: Magnifications of red, green and blue (`Camera.chromatic`).
-        falloff: Exponent of natural vignetting, cos(theta)^falloff (`sensor.vignetting`).
+        chromatic: magnifications of red, green and blue (`Camera.chromatic`).
+        falloff: exponent of natural vignetting, cos(theta)^falloff (`sensor.vignetting`).
         vignetting: a1, a2, a3 of the vignetting polynomial (`sensor.vignetting`).
-        exposure: Exposure in stops: light times 2^exposure.
-        full_well: Electrons that stand for the light `white` (or 1); 0 is no noise.
-        read_noise: Standard deviation of the read noise in electrons
+        exposure: exposure in stops: light times 2^exposure.
+        full_well: electrons that stand for the light `white` (or 1); 0 is no noise.
+        read_noise: standard deviation of the read noise in electrons
             (gaussray.camera.sensor.noise).
         gain: ISO over the sensor's base ISO, at least 1; multiplies signal and noise.
-        white: Level at which values are clipped after the gain; 0 is no clipping.
-        bits: Bits of the quantisation from 0 to `white`; 0 is none.
-        bayer: Pattern of the Bayer colour filter array, or "none" (gaussray.camera.sensor.mosaic).
+        white: level at which values are clipped after the gain; 0 is no clipping.
+        bits: bits of the quantisation from 0 to `white`; 0 is none.
+        bayer: pattern of the Bayer colour filter array, or "none" (gaussray.camera.sensor.mosaic).
         demosaic: "bilinear" or "none".
-        tone: Tone curve of PNG files (`sensor.tone`).
-        table: Stored values of the curve `tone="table"`.
-        seed: Seed of the noise.
+        tone: tone curve of PNG files (`sensor.tone`).
+        table: stored values of the curve `tone="table"`.
+        seed: seed of the noise.
 
     Raises:
         ValueError: If a key breaks its rule.
@@ -61,6 +63,7 @@ class SensorOptions(eqx.Module):
     seed: int = eqx.field(static=True, default=0)
 
     def __check_init__(self):
+        check_field_types("sensor", self)
         _require(self, "chromatic", _numbers(self.chromatic, 3, above=0.0), "3 numbers above 0")
         _require(self, "vignetting", _numbers(self.vignetting, 3), "3 numbers")
         _require(
@@ -85,9 +88,7 @@ class SensorOptions(eqx.Module):
         _require(self, "tone", self.tone in TONE_CURVES, f"one of {TONE_CURVES}")
         _require(self, "seed", 0 <= self.seed < 2**32, "in 0 ... 2^32 - 1")
         if self.tone == "table":
-            rising = all(a <= b for a, b in zip(self.table, self.table[1:], strict=False))
-            valid = _numbers(self.table, len(self.table)) and len(self.table) > 1 and rising
-            _require(self, "table", valid, "at least 2 numbers that never fall")
+            _require(self, "table", _rises(self.table), "at least 2 numbers that never fall")
         elif self.table:
             raise ValueError(f"sensor.table needs sensor.tone=table, got {self.tone!r}.")
         for key, needed in (("read_noise", "full_well"), ("bits", "white")):
@@ -101,8 +102,8 @@ def check_sensor(options: SensorOptions, camera: Camera, format: str) -> None:
     """Check that a camera can have this sensor, and a file format can hold its values.
 
     Args:
-        options: The sensor.
-        camera: The camera.
+        options: the sensor.
+        camera: the camera.
         format: "png" or "exr".
 
     Raises:
@@ -128,10 +129,10 @@ def develop(
     quantisation.
 
     Args:
-        light: Linear light, 1 is white.
-        camera: The camera, for the vignetting.
-        key: Random key of the noise (`picture_key`).
-        options: The sensor.
+        light: linear light, 1 is white.
+        camera: the camera, for the vignetting.
+        key: random key of the noise (`picture_key`).
+        options: the sensor.
     """
     return develop_with(sensor_numbers(options), light, camera, key, steps=options)
 
@@ -147,11 +148,11 @@ def develop_with(
     """`develop` with the sensor's numbers as data, which a compiled program does not hold.
 
     Args:
-        amounts: Numbers of the sensor (`sensor_numbers`).
-        light: Linear light, 1 is white.
-        camera: The camera; only vignetting needs it.
-        key: Random key of the noise.
-        steps: Which steps the sensor takes (`sensor_steps`).
+        amounts: numbers of the sensor (`sensor_numbers`).
+        light: linear light, 1 is white.
+        camera: the camera; only vignetting needs it.
+        key: random key of the noise.
+        steps: which steps the sensor takes (`sensor_steps`).
     """
     n = {name: x.astype(light.dtype) for name, x in amounts.items()}
     if steps.falloff or any(steps.vignetting):
@@ -199,8 +200,8 @@ def encode(light: Float[Array, "h w 3"], *, options: SensorOptions) -> Float[Arr
     """The values that a PNG stores: the sensor's tone curve applied to its linear values.
 
     Args:
-        light: Linear values of the sensor; 1 is white.
-        options: The sensor, of which `tone` and `table` are used.
+        light: linear values of the sensor; 1 is white.
+        options: the sensor, of which `tone` and `table` are used.
 
     Returns:
         Encoded values, in [0, 1] for light in [0, 1].
@@ -238,7 +239,16 @@ def sensor_record(options: SensorOptions) -> Mapping[str, Any]:
     return record | {"noise_key": key + "sha256(file_path without suffix)"}
 
 
-def _numbers(values: tuple[Any, ...], count: int, above: float = -math.inf) -> bool:
+def _rises(values: Any) -> bool:
+    """Whether values are at least 2 numbers, none below the one before it."""
+    if not isinstance(values, tuple | list) or not _numbers(values, len(values)):
+        return False
+    return len(values) > 1 and all(a <= b for a, b in itertools.pairwise(values))
+
+
+def _numbers(values: Any, count: int, above: float = -math.inf) -> bool:
+    if not isinstance(values, tuple | list):
+        return False
     numbers = [x for x in values if isinstance(x, int | float) and above < x < math.inf]
     return len(values) == count == len(numbers)
 

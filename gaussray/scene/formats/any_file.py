@@ -1,5 +1,6 @@
 """Scenes from and to files of any known format, chosen by the name."""
 
+import os
 from pathlib import Path
 
 from gaussray.io.sample_data import WORD, sample
@@ -30,7 +31,7 @@ def load(path: Path | str) -> Scene | Clip:
     """Read a scene from a file or folder.
 
     Args:
-        path: A scene file (.npz), the folder of a reconstruction, a trained model of 3D Gaussian
+        path: a scene file (.npz), the folder of a reconstruction, a trained model of 3D Gaussian
             Splatting (.ply, .spz, .sog, .splat, .ksplat, whose colours are read as sRGB values,
             or .glb, which says what they are), or "sample", the scene that comes with the package.
 
@@ -39,18 +40,17 @@ def load(path: Path | str) -> Scene | Clip:
 
     Raises:
         FileNotFoundError: There is no such file.
-        ValueError: The file is damaged, or its format is not supported.
+        ValueError: The file is damaged, its format is not supported, or the path is no name.
     """
+    check_kind("load(path): path", path, (str, os.PathLike), "the name of a file or folder")
     if str(path) == WORD and not Path(path).exists():
         path = sample("scene")
-    if is_foreign(path):
-        return model_scene(path)[0]
     if not Path(path).exists():
         raise FileNotFoundError(
             f"scene={path}: no such file or folder. Give the output folder of `gaussray "
-            "reconstruct`, a .ply file, or scene=sample."
+            f"reconstruct`, a scene file (.npz, {', '.join(FOREIGN)}), or scene=sample."
         )
-    return load_scene(path)
+    return model_scene(path)[0] if is_foreign(path) else load_scene(path)
 
 
 def is_foreign(path: Path | str) -> bool:
@@ -64,10 +64,10 @@ def save(path: Path | str, scene: Scene | Clip) -> None:
     """Write a scene to a file.
 
     Args:
-        path: A scene file (.npz), which keeps every bit; a model of 3D Gaussian Splatting (.ply,
+        path: a scene file (.npz), which keeps every bit; a model of 3D Gaussian Splatting (.ply,
             .spz, .glb, .usd, .usda, .usdc) of a scene that stands still; or .ftgs.ply, of one with
             transient Gaussians.
-        scene: The scene.
+        scene: the scene.
 
     Raises:
         ValueError: The ending is neither, there is no scene, or the format cannot hold the scene.
@@ -98,9 +98,9 @@ def export_format(out: Path | str, chosen: str | None, *, sequence: bool) -> str
     """The format of an exported file: the chosen one, or that of the file's name.
 
     Args:
-        out: The file; of a sequence the folder of its files, or one file of OpenUSD.
+        out: the file; of a sequence the folder of its files, or one file of OpenUSD.
         chosen: `format` of the command; None leaves it to the name.
-        sequence: Whether several timestamps are exported.
+        sequence: whether several timestamps are exported.
 
     Raises:
         ValueError: The name stands for no format or for another one than the chosen one.
