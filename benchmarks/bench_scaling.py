@@ -7,8 +7,8 @@ Gaussians, --side pixels across and one ray a pixel. `samples` is rays a pixel t
 `hits` how many Gaussians a ray meets before it is spent, raised by `--spread` times larger and
 fainter ones.
 `devices` is the frames per second of a video: a pinhole's and, with 16 rays a pixel, depth of field
-(`Renderer.film`: pictures fetched, no files), and the latter as a data set (`render_dataset`:
-pictures compressed and written, lists, a video for each of 8 cameras).
+(`Renderer.render_frames`: pictures fetched, no files), and the latter as a data set
+(`render_dataset`: pictures compressed and written, lists, a video for each of 8 cameras).
 Exponents are least squares on logarithms.
 """
 

@@ -67,7 +67,7 @@ class Camera(eqx.Module):
 
     def __post_init__(self):
         # Arrays are taken in the precision that they have: captures count times from their first.
-        if not isinstance(self.time, int | float | np.integer) or not self.time:
+        if not isinstance(self.time, int | float | np.number) or not self.time:
             return
         self.film, self.time = _film(self.film), number("camera.time")(self.time)
         if isinstance(self.film, Film) and isinstance(self.shutter, Shutter):
@@ -83,8 +83,6 @@ class Camera(eqx.Module):
         check_kind("camera.trajectory", self.trajectory, Trajectory, rule)
         require("camera.time", self.time, np.isfinite, "finite")
         check_shutter(self.shutter, (self.film.width, self.film.height))
-        check_span(self.lens, self.film.width, self.film.height)
-        _check_focus(self.aperture, self.lens)
         if self.chromatic is not None:
             rule = "above 0"
             require("chromatic", self.chromatic, lambda m: np.isfinite(m) & (m > 0), rule)
@@ -96,14 +94,16 @@ class Camera(eqx.Module):
         return readable(self)
 
 
-def _check_focus(aperture: Aperture, lens: AbstractLens) -> None:
-    """Refuse depth of field about a plane for a lens that sees beside it, where both are known
-    and of one camera.
+def check_camera(camera: Camera) -> None:
+    """Check what the parts of a camera ask of each other, where their numbers are known: depth of
+    field about a plane needs a lens that does not see beside it, and an equirectangular picture
+    holds no more than the sphere.
 
-    Args:
-        aperture: the aperture.
-        lens: the lens.
+    Raises:
+        ValueError: It is not so.
     """
+    aperture, lens, film = camera.aperture, camera.lens, camera.film
+    check_span(lens, film.width, film.height)
     radius = aperture.radius
     if aperture.focus != "plane" or not known(radius, *jax.tree.leaves(lens)) or np.ndim(radius):
         return

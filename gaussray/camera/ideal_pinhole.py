@@ -8,6 +8,7 @@ from jaxtyping import Array, Float
 from gaussray.camera.aperture import no_aperture
 from gaussray.camera.camera import Camera
 from gaussray.camera.lens import AbstractLens, Division, Pinhole, pinhole
+from gaussray.camera.lens.correctable import ParametricLens
 from gaussray.camera.shutter import Shutter, time_window
 from gaussray.camera.trajectory import pose_at, static_trajectory
 
@@ -55,7 +56,7 @@ def _perspective(camera: Camera, dtype) -> AbstractLens:
             "with a narrower lens.fov."
         )
     across = film.width / 2 / np.tan(half)
-    x, y = np.asarray(getattr(lens, "focal", (1, 1)), float)
+    x, y = np.asarray(lens.focal, float) if isinstance(lens, ParametricLens) else (1, 1)
     center = jnp.asarray([film.width / 2, film.height / 2], dtype)
     return pinhole(jnp.asarray([across, across * y / x], dtype), center)
 

@@ -16,7 +16,7 @@ DIRECTIONS = ("top_to_bottom", "bottom_to_top", "left_to_right", "right_to_left"
 SIDEWAYS = DIRECTIONS[2:]
 FIELDS = ("even", "odd")
 # Into so many parts, at most, the precision of a frame's time must divide readout and exposure.
-_READOUT_PARTS, _EXPOSURE_PARTS = 200, 4
+_READOUT_PARTS, _EXPOSURE_PARTS = 16, 4
 
 
 class Shutter(eqx.Module):
@@ -172,7 +172,7 @@ def check_time(time: Float[Array, ""], shutter: Shutter, resolution: tuple[int, 
     """Check that a frame's time is precise enough to tell rows and instants of exposure apart.
 
     Neighbouring numbers of its precision must be no further apart than a quarter of the exposure,
-    and than a quarter of the time from row to row or, of many rows, a 200th of the readout.
+    and than a quarter of the time from row to row or, of many rows, a 16th of the readout.
 
     Args:
         time: the frame's time, in the capture's unit.

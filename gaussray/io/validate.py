@@ -97,5 +97,5 @@ def check_field_types(group: str, options: Any) -> None:
 
 
 def known(*values: Any) -> bool:
-    """Whether all values are numbers rather than traced placeholders."""
-    return not any(isinstance(value, Tracer) for value in values)
+    """Whether all values are numbers rather than traced placeholders or shapes."""
+    return not any(isinstance(value, Tracer | jax.ShapeDtypeStruct) for value in values)

@@ -13,6 +13,8 @@ _CAMERA = re.compile(
     r"|(?:left|right)(?![a-z]))",
     re.IGNORECASE,
 )
+# Words beside which `left` and `right` are cameras. In `house_left_07` they may be sides of it.
+_PLAIN_WORDS = re.compile(r"left|right|image|img|im|frame|rgb|colou?r|camera|cam", re.IGNORECASE)
 # Words that name a camera or a side of the thing that is shown.
 _SIDE = re.compile(r"(?<![a-z])(?:front|back|rear|top|bottom|side|mid|middle)(?![a-z])", re.I)
 # Share of the pictures that must have a camera, and a time that all cameras have.
@@ -53,7 +55,7 @@ def pictures_by_camera(pictures: Sequence[Path]) -> NamedPictures | None:
         pictures: the files in the order of their times.
     """
     found = _grouped(pictures, _CAMERA)
-    if found is not None and _together(found, len(pictures)):
+    if found is not None and _together(found, len(pictures)) and not _may_be_sides(found):
         times = _common_times(found)
         cameras = {name: [own[time] for time in own if time in times]
                    for name, own in found.items()}  # fmt: skip
@@ -78,6 +80,13 @@ def _grouped(
     count = sum(len(own) for own in found.values())
     few = len(found) < _LEAST or min(len(own) for own in found.values()) < _LEAST
     return None if few or count < _NEARLY_ALL * len(pictures) else found
+
+
+def _may_be_sides(found: dict[str, dict[str, Path]]) -> bool:
+    """Whether `left` and `right` may be sides of what the other words of the names say."""
+    names = [path.stem for own in found.values() for path in own.values()]
+    others = any(re.search("[a-z]", _PLAIN_WORDS.sub("", name), re.IGNORECASE) for name in names)
+    return others and {name.lower() for name in found} <= {"left", "right"}
 
 
 def _common_times(found: dict[str, dict[str, Path]]) -> set[str]:

@@ -29,8 +29,8 @@ class FitOptions(eqx.Module):
     """The course of a reconstruction.
 
     Args:
-        auto: choose all that has its default by device and capture (`effort`), as `fit=auto` of the
-            command does. False: nothing is chosen, as with `fit=default`.
+        auto: choose all that has its default by device and capture (`auto_choice`), as `fit=auto`
+            of the command does. False: nothing is chosen, as with `fit=default`.
         minutes: duration of the steps, instead of their numbers `coarse` and `fine`; with `auto`,
             not where these are set or rigid bodies show what moves. 0: with `auto`, 3 on a GPU, 4
             on a CPU, or longer for a large capture; else the numbers of steps.

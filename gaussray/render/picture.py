@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from gaussray.camera.camera import Camera
+from gaussray.camera.camera import Camera, check_camera
 from gaussray.camera.rays import Rays
 from gaussray.camera.sampling import random_samples, sobol_samples
 from gaussray.geometry import normalize
@@ -82,8 +82,7 @@ def render(
     the transmittance in front, and a finite difference of the whole picture counts these jumps.
     In a scene of many large opaque Gaussians that may be half of the derivative by the focal
     length; where surfaces are thin it is little. With the order held fixed, finite differences
-    agree to rounding (`tests/render/test_picture.py`), but for what a deformation field holds:
-    where it is read, and the normals that light on surfaces follows (docs/differentiable.md).
+    agree to rounding (`tests/render/test_picture.py`).
 
     Args:
         scene: the scene; of a clip, one of its segments.
@@ -99,9 +98,11 @@ def render(
 
     Raises:
         ValueError: An argument is of another type, sizes are unknown inside `jit` or `vmap`,
-            options are given beside a plan, the scene is a clip, or the options need `Renderer`.
+            options are given beside a plan, the scene is a clip, the options need `Renderer`, or
+            the parts of the camera do not go together (`check_camera`).
     """
     check_kind("camera", camera, Camera, "a gaussray.Camera")
+    check_camera(camera)
     _check_key(key)
     if plan is not None:
         _check_plan(scene, plan, options, trace)

@@ -151,7 +151,7 @@ class Renderer:
     def render_developed(
         self, cameras: Iterable[Camera], develop: Callable[[int, Array], Any]
     ) -> Iterator[DevelopedFrame]:
-        """Render many frames as `film` does, and fetch of each only what its development returns.
+        """Render many frames (`render_frames`), and fetch of each what its development returns alone.
 
         Args:
             cameras: the cameras.

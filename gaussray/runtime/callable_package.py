@@ -1,5 +1,6 @@
 """Makes a package callable: `gaussray.render` is both a package and the function of its name."""
 
+import importlib
 import inspect
 from collections.abc import Callable
 from types import ModuleType
@@ -16,5 +17,8 @@ def callable_package(function: Callable[..., Any]) -> type[ModuleType]:
     class CallablePackage(ModuleType):
         __signature__ = inspect.signature(function)
         __call__ = staticmethod(function)
+
+        def __reduce__(self) -> tuple[Callable[..., Any], tuple[str]]:
+            return importlib.import_module, (self.__name__,)
 
     return CallablePackage

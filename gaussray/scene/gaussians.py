@@ -125,8 +125,12 @@ def _check_shapes(shapes: Mapping[str, tuple[int, ...]]) -> None:
     Args:
         shapes: the shape of each array by its name. Within `vmap` over Gaussians, that of one.
     """
+    lead = shapes["opacity"][:-1]
+    # A stack of sets has leading axes in all arrays.
+    if lead and all(x[: len(lead)] == lead for x in shapes.values()):
+        shapes = {name: x[len(lead) :] for name, x in shapes.items()}
     count, harmonics = shapes["opacity"], shapes["harmonics"]
-    if len(count) > 1:
+    if len(count) > 1 or len(shapes["mean"]) <= len(count):
         raise ValueError(
             f"gaussians.opacity must be one number for each Gaussian, got the shape {count}."
         )

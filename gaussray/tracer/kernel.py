@@ -225,7 +225,7 @@ def candidate_lists(stage: KernelInputs, strip: Strip) -> Lists:
     """The lists of one strip. No gradient.
 
     Args:
-        stage: the stage of `stage_and_strips`.
+        stage: the stage of `kernel_inputs`.
         strip: one of its strips, without the leading axis.
     """
     program, (order, cell, super_) = stage.program, stage.boxes

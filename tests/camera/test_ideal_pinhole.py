@@ -11,7 +11,7 @@ from gaussray.camera.aperture import Aperture
 from gaussray.camera.camera import Camera
 from gaussray.camera.film import Film
 from gaussray.camera.ideal_pinhole import ideal_pinhole_of
-from gaussray.camera.lens import Division, KannalaBrandt, pinhole
+from gaussray.camera.lens import Division, KannalaBrandt, RayTable, pinhole
 from gaussray.camera.shutter import Shutter
 from gaussray.camera.trajectory import Trajectory
 
@@ -54,6 +54,16 @@ def test_pixels_keep_their_shape():
     lens = KannalaBrandt([12.5, 10.0], jnp.array([10.0, 5.5]), jnp.zeros(4), jnp.array(1.5))
     x, y = np.asarray(ideal_pinhole_of(filmed(lens)).lens.focal)
     np.testing.assert_allclose(y / x, 0.8, rtol=1e-12)
+
+
+def test_a_table_of_rays_becomes_a_pinhole_of_square_pixels():
+    lens, (x, y) = pinhole(jnp.array([30.0, 30.0]), jnp.array([10.0, 5.5])), np.indices((6, 6))
+    spacing = np.array([4.0, 2.2])
+    pixels = jnp.asarray(np.stack([y, x], axis=-1) * spacing)
+    rays = jax.vmap(jax.vmap(lens.direction))(pixels)
+    table = RayTable(spacing, np.zeros(2), rays)
+    # Directions between those of the table are interpolated.
+    np.testing.assert_allclose(ideal_pinhole_of(filmed(table)).lens.focal, 30, rtol=1e-3)
 
 
 def test_a_fisheye_becomes_the_pinhole_of_the_same_angle_across():

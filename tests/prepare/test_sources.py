@@ -164,6 +164,10 @@ def test_words_for_sides_are_doubtful_and_missing_times_are_left_out():
     assert found is not None and found.together
     assert [len(own) for own in found.cameras.values()] == [8, 8, 8]
     assert camera_in_name("left_0007") == "left" and camera_in_name("leftover_7") == ""
+    for word, cameras in (("img", True), ("house", False)):
+        pairs = [Path(f"{word}_{side}_{k}.png") for side in ("left", "right") for k in range(3)]
+        found = pictures_by_camera(pairs)
+        assert found is not None and found.together == cameras
 
 
 def test_files_of_formats_that_are_not_read_are_told(tmp_path):

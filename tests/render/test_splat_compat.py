@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import toy
 
-from gaussray.camera.lens import KannalaBrandt
+from gaussray.camera.lens import KannalaBrandt, RayTable
 from gaussray.render.options import RenderOptions
 from gaussray.render.renderer import Renderer
 from gaussray.render.splat_compat import colors_from_center, dilate
@@ -82,6 +82,22 @@ def test_a_fisheye_widens_by_the_distance():
     distance = np.linalg.norm(ahead, axis=1, keepdims=True)
     expected = np.asarray(own.scale, np.float64) ** 2 + 0.3 * (distance / focal) ** 2
     np.testing.assert_allclose(np.asarray(wide.scale) ** 2, expected, rtol=1e-3)
+
+
+def test_a_table_of_rays_widens_as_the_lens_that_it_is_of():
+    own, own_camera = some()[0], camera()
+    film, lens = own_camera.film, own_camera.lens
+    column, row = np.meshgrid(np.arange(0.0, film.width + 1), np.arange(0.0, film.height + 1))
+    pixels = jnp.asarray(np.stack([column, row], axis=-1), jnp.float32)
+    rays = jax.vmap(jax.vmap(lens.direction))(pixels)
+    table = RayTable(jnp.ones(2, jnp.float32), jnp.zeros(2, jnp.float32), rays)
+    added = [
+        np.square(np.asarray(dilate(own, dataclasses.replace(own_camera, lens=x), 0.3).scale))
+        - np.square(np.asarray(own.scale))
+        for x in (lens, table)
+    ]
+    # The table's pixels all have the area of the middle one; here they differ by a fifth.
+    np.testing.assert_allclose(added[1], added[0], rtol=0.25)
 
 
 @pytest.mark.slow

@@ -22,10 +22,10 @@ ROOM = Capacity((256,), 1024, 64)
 
 
 @eqx.filter_jit
-def pull(motion, rays, weight, capacity, mesh, dealt=False):
+def pull(motion, rays, weight, capacity, mesh, presharded=False):
     def loss(motion, rays):
         pixels, report = trace_sharded(
-            motion, rays, options=OPTIONS, capacity=capacity, mesh=mesh, dealt=dealt
+            motion, rays, options=OPTIONS, capacity=capacity, mesh=mesh, presharded=presharded
         )
         return score((pixels.color, pixels.transmittance, pixels.depth), weight), (pixels, report)
 
@@ -47,9 +47,9 @@ def main():
     assert all(np.any(x) for x in jax.tree.leaves(two[2][0].gaussians))
     # Whole blocks, each device's own: as many for each.
     own = jax.tree.map(lambda x: x[: 14 * 4], lines)
-    alone, dealt = (pull(scene, own, weight[: 14 * 4], ROOM, mesh(n), n == 2) for n in (1, 2))
-    np.testing.assert_allclose(stacked(dealt[0]), stacked(alone[0]), atol=SAME)
-    for a, b in zip(jax.tree.leaves(dealt[2]), jax.tree.leaves(alone[2]), strict=True):
+    alone, presharded = (pull(scene, own, weight[: 14 * 4], ROOM, mesh(n), n == 2) for n in (1, 2))
+    np.testing.assert_allclose(stacked(presharded[0]), stacked(alone[0]), atol=SAME)
+    for a, b in zip(jax.tree.leaves(presharded[2]), jax.tree.leaves(alone[2]), strict=True):
         np.testing.assert_allclose(a, b, atol=SLOPE * max(np.abs(b).max(), 1e-30))
     # Each device tells how much room it needs, and the largest counts.
     needed = np.asarray(two[1].needed)

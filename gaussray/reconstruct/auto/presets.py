@@ -1,4 +1,4 @@
-"""The options that suit a kind of motion on a machine, for fit=auto (`effort`)."""
+"""The options that suit a kind of motion on a machine, for fit=auto (`auto_choice`)."""
 
 import math
 from dataclasses import replace

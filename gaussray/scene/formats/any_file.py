@@ -60,32 +60,45 @@ def is_foreign(path: Path | str) -> bool:
     return is_sog or path.suffix.lower() in FOREIGN
 
 
-def save(path: Path | str, scene: Scene | Clip) -> None:
+def save(
+    path: Path | str,
+    scene: Scene | Clip,
+    *,
+    time: float | None = None,
+    color: str = "srgb",
+    degree: int = 3,
+) -> None:
     """Write a scene to a file.
 
     Args:
         path: a scene file (.npz), which keeps every bit; a model of 3D Gaussian Splatting (.ply,
-            .spz, .glb, .usd, .usda, .usdc) of a scene that stands still; or .ftgs.ply, of one with
+            .spz, .glb, .usd, .usda, .usdc) of the scene at one time; or .ftgs.ply, of one with
             transient Gaussians.
         scene: the scene.
+        time: of a model: its time, in the scene's unit; None for a scene that stands still.
+        color: of a model: `srgb`, as viewers expect it, or `linear`.
+        degree: of a model: degree of the harmonics, at least the scene's; some viewers need 3.
 
     Raises:
-        ValueError: The ending is neither, there is no scene, or the format cannot hold the scene.
+        ValueError: The ending is neither, there is no scene, the format cannot hold the scene, or
+            a file of all times gets a time.
         OSError: The file cannot be written.
     """
     check_kind("save(path, scene): path", path, (str, Path), "the name of a file")
     check_kind("save(path, scene): scene", scene, (Scene, Clip), SCENE_RULE)
-    if str(path).lower().endswith(".npz"):
+    kind = "npz" if str(path).lower().endswith(".npz") else named_format(path)
+    if kind in ("npz", "ftgs") and time is not None:
+        raise ValueError(f"save: time must be None for a file of all times, got {time!r}.")
+    if kind == "npz":
         save_scene(path, scene)
         return
-    kind = named_format(path)
     if kind is None:
         known = ", ".join([".npz", *SCENE_FORMATS])
         raise ValueError(f"save: the file must end in one of {known}, got {str(path)!r}.")
     if kind == "ftgs":
-        export_transients(scene, path, color="srgb", degree=3)
+        export_transients(scene, path, color=color, degree=degree)
     else:
-        export_model(scene, path, file_format=kind)
+        export_model(scene, path, time, color=color, degree=degree, file_format=kind)
 
 
 def named_format(path: Path | str) -> str | None:

@@ -193,7 +193,7 @@ def _warn_of_range(path: Path | str, parts: Sequence[np.ndarray]) -> None:
         if parts[i].size
     }
     told = [
-        f"{name} of {100 * share:.2g} % of the Gaussians" for name, share in beyond.items() if share
+        f"{name} of {100 * share:.3g} % of the Gaussians" for name, share in beyond.items() if share
     ]
     if told:
         warnings.warn(

@@ -20,6 +20,7 @@ from gaussray.scene.formats.gaussian_ply import write_gaussians
 from gaussray.scene.formats.glb_file import read_glb
 from gaussray.scene.formats.gltf import EXTENSION, read_gltf, rotated_harmonics, write_gltf
 from gaussray.scene.harmonics import harmonic_basis
+from gaussray.scene.scene import at
 
 
 # Rounding of single precision, relative; and of harmonics after a rotation.
@@ -228,3 +229,13 @@ def test_another_writer_writes_the_same(tmp_path):
     assert space == "srgb"
     # It writes log scales and logits of a PLY file back as values.
     assert_same(found, true, tolerance=2e-5)
+
+
+def test_a_time_of_a_moving_scene_is_saved_in_the_wanted_colours(tmp_path):
+    moving, time = toy.scene(), 0.5
+    save(tmp_path / "a.glb", moving, time=time, color="linear", degree=0)
+    there = at(moving, toy.single(time))
+    np.testing.assert_allclose(load(tmp_path / "a.glb").static.mean, there.mean, atol=1e-5)
+    assert load(tmp_path / "a.glb").static.harmonics.shape[1] == 1
+    with pytest.raises(ValueError, match="time must be None for a file of all times, got 0.5"):
+        save(tmp_path / "a.npz", moving, time=time)
