@@ -151,7 +151,7 @@ class Renderer:
     def render_developed(
         self, cameras: Iterable[Camera], develop: Callable[[int, Array], Any]
     ) -> Iterator[DevelopedFrame]:
-        """Render many frames (`render_frames`); of each only what its development returns is fetched.
+        """Render many frames (`render_frames`), of which only what `develop` returns is fetched.
 
         Args:
             cameras: the cameras.
