@@ -23,6 +23,16 @@ def test_import_is_light():
     assert done.stdout.strip() == "[]"
 
 
+@pytest.mark.parametrize(
+    "module", ["gaussray.render", "gaussray.tracer.measure", "benchmarks.bench_trace"]
+)
+def test_rendering_needs_no_package_of_pictures_or_configurations(module):
+    code = f"import sys, {module}; print([m for m in {HEAVY} if m in sys.modules])"
+    run = {"cwd": pathlib.Path(__file__).parents[1], "capture_output": True, "text": True}
+    done = subprocess.run([sys.executable, "-c", code], check=True, **run)
+    assert set(ast.literal_eval(done.stdout)) <= {"numba"}
+
+
 def test_an_import_of_the_package_alone_loads_nothing():
     code = "import gaussray, sys; print('jax' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

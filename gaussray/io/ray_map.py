@@ -6,7 +6,6 @@ import numpy as np
 from jaxtyping import Float
 
 from gaussray.io.safe.arrays import read_npz
-from gaussray.io.safe.pictures import complaint, open_picture
 
 
 # Lengths of unit vectors differ from 1 by less than the first in single precision, and stay as they
@@ -58,6 +57,9 @@ def _npz(path):
 
 
 def _exr(path):
+    # Here, so that lenses and the tracer need no OpenImageIO.
+    from gaussray.io.safe.pictures import complaint, open_picture
+
     try:
         file = open_picture(path)
     except (OSError, ValueError) as error:
