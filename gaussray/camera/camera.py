@@ -48,8 +48,8 @@ class Camera(eqx.Module):
 
     Raises:
         ValueError: If a part is of another type or does not fit the others, a magnification is not
-            above 0, `clip_start` is negative, or a plain number of a time so large that its
-            precision leaves nothing of the shutter.
+            above 0, `clip_start` is negative, or the time, a plain number, so large that rows
+            or instants of the exposure would share one.
     """
 
     film: Film = eqx.field(converter=_film)
@@ -95,15 +95,27 @@ class Camera(eqx.Module):
 
 
 def check_camera(camera: Camera) -> None:
-    """Check what the parts of a camera ask of each other, where their numbers are known: depth of
-    field about a plane needs a lens that does not see beside it, and an equirectangular picture
-    holds no more than the sphere.
+    """Check what the parts of a camera ask of each other (`check_span`, `check_focus`), where their
+    numbers are known.
 
     Raises:
         ValueError: It is not so.
     """
-    aperture, lens, film = camera.aperture, camera.lens, camera.film
-    check_span(lens, film.width, film.height)
+    check_span(camera.lens, camera.film.width, camera.film.height)
+    check_focus(camera.aperture, camera.lens)
+
+
+def check_focus(aperture: Aperture, lens: AbstractLens) -> None:
+    """Refuse depth of field about a plane for a lens that sees beside it, where both are known
+    and of one camera.
+
+    Args:
+        aperture: the aperture.
+        lens: the lens.
+
+    Raises:
+        ValueError: The lens sees at 90 degrees from its axis or more.
+    """
     radius = aperture.radius
     if aperture.focus != "plane" or not known(radius, *jax.tree.leaves(lens)) or np.ndim(radius):
         return

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Int
 
 from gaussray.prepare.epipolar import EpipolarPair
 from gaussray.prepare.exposure import LEAST_SHARED
@@ -14,7 +13,7 @@ from gaussray.prepare.lens_models import lens_fov
 from gaussray.prepare.options import SyncOptions
 from gaussray.prepare.poses import Placement
 from gaussray.prepare.sources import Source
-from gaussray.prepare.sparse_model import SparseModel, camera_centres
+from gaussray.prepare.sparse_model import camera_centres, observations_by_picture
 from gaussray.prepare.sync import Sync
 from gaussray.prepare.timeline import Timeline, of_one_rate, resampled
 
@@ -303,11 +302,6 @@ def _picture_name(picture: MatchingPicture, placement: Placement) -> str:
     """A camera that stands still has one pose, for which its name stands."""
     still = picture.camera in placement.still
     return picture.camera if still else f"{picture.camera} {picture.instant}"
-
-
-def observations_by_picture(model: SparseModel) -> Int[np.ndarray, " pictures"]:
-    """Number of observations of each registered picture."""
-    return np.bincount(model.observations.picture, minlength=len(model.pictures))
 
 
 def camera_lenses(placement: Placement) -> dict[str, dict]:

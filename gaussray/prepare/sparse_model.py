@@ -183,3 +183,8 @@ def kept_pictures(model: SparseModel, keep: Bool[np.ndarray, " pictures"]) -> Sp
         points=model.points[views > 1],
         observations=observations,
     )
+
+
+def observations_by_picture(model: SparseModel) -> Int[np.ndarray, " pictures"]:
+    """Number of observations of each registered picture."""
+    return np.bincount(model.observations.picture, minlength=len(model.pictures))

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool
 
-from gaussray.prepare.findings import Finding, observations_by_picture
+from gaussray.prepare.findings import Finding
 from gaussray.prepare.poses import Placement
-from gaussray.prepare.sparse_model import camera_centres, kept_pictures
+from gaussray.prepare.sparse_model import camera_centres, kept_pictures, observations_by_picture
 
 
 # Fewest observations of a picture of a camera that does not stand still: COLMAP gives a pose from

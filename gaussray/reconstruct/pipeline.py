@@ -22,7 +22,8 @@ from gaussray.reconstruct.segment_fit import (
     segment_sentences,
     write_refined_cameras,
 )
-from gaussray.reconstruct.session import Session, hand_over
+from gaussray.reconstruct.segment_handover import hand_over
+from gaussray.reconstruct.session import Session
 from gaussray.reconstruct.shared_results import SharedResults
 from gaussray.reconstruct.simplify.summary import clip_report, summary_line
 from gaussray.runtime.devices import barrier, is_primary

@@ -6,7 +6,6 @@ from dataclasses import replace
 from functools import cached_property
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
@@ -27,17 +26,15 @@ from gaussray.reconstruct.data.training_pictures import training_pictures
 from gaussray.reconstruct.initialize.appearance import Shown
 from gaussray.reconstruct.initialize.initializer import InitialPoints, initial_points
 from gaussray.reconstruct.log import RunLog
-from gaussray.reconstruct.optimize.optimizer import Parameters, scene_of, transients_of
+from gaussray.reconstruct.optimize.optimizer import scene_of, transients_of
 from gaussray.reconstruct.optimize.rows import occupied, take_rows
-from gaussray.reconstruct.optimize.state import State, begin_state
+from gaussray.reconstruct.optimize.state import State
 from gaussray.reconstruct.options import ReconstructOptions
-from gaussray.reconstruct.run_progress import KnownBodies, RunProgress
+from gaussray.reconstruct.run_progress import RunProgress
 from gaussray.reconstruct.shared_results import SharedResults
 from gaussray.runtime.progress import Progress, ProgressReport
-from gaussray.scene.bodies import body_pose_at
-from gaussray.scene.deformation import Deformation
-from gaussray.scene.gaussians import constrain, fold_tint, unconstrain
-from gaussray.scene.scene import Scene, key_count, persistent_at
+from gaussray.scene.gaussians import constrain
+from gaussray.scene.scene import Scene, key_count
 from gaussray.tracer.bundle import FAN
 from gaussray.tracer.shard import mesh_of_hosts
 
@@ -281,39 +278,6 @@ class Session:
             transient = transients_of(kept, self.cameras.times)
         scene = Scene(parts[0], parts[1], p.deformation, time_range, transient, shading=p.shading)
         return scene, np.concatenate(unmet)
-
-
-def hand_over(session: Session, state: State, progress: RunProgress) -> tuple[State, RunProgress]:
-    """State and progress with which the next segment begins.
-
-    The state holds all Gaussians as static ones, where they are at the time that both segments
-    share, and the refined cameras. Transient Gaussians stay behind: each segment finds its own.
-    Things may have come where nothing was.
-
-    Args:
-        session: the segment that is done.
-        state: its last state.
-        progress: its progress.
-    """
-    scene, _ = session.scene(state, progress)
-    last = jnp.asarray(session.times[-1], scene.time_range.dtype)
-    known = None
-    if isinstance(scene.deformation, Deformation):
-        bodies = scene.deformation.bodies
-        pivot = np.asarray(bodies.pivot + body_pose_at(bodies, last)[0])
-        known = KnownBodies(pivot, np.asarray(bodies.radius))
-    static = unconstrain(fold_tint(eqx.filter_jit(persistent_at)(scene, last)))
-    moving = jax.tree.map(lambda x: x[:0], static)
-    progress = replace(
-        progress,
-        stage="begin",
-        segment=progress.segment + 1,
-        bodies=known,
-        tile_errors=None,
-        moved=None,
-        free_space=None,
-    )
-    return begin_state(Parameters(static, moving, None, state.parameters.corrections)), progress
 
 
 def _with_tile_levels(options: ReconstructOptions, footage: Footage) -> ReconstructOptions:

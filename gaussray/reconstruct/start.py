@@ -88,7 +88,7 @@ def continued_state(
 
     Args:
         session: the later segment.
-        state: the state that was handed over (`session.hand_over`), with static Gaussians only.
+        state: the state that was handed over (`hand_over`), with static Gaussians only.
         progress: the progress that was handed over.
     """
     static = state.parameters.static

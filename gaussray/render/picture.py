@@ -102,13 +102,13 @@ def render(
             the parts of the camera do not go together (`check_camera`).
     """
     check_kind("camera", camera, Camera, "a gaussray.Camera")
-    check_camera(camera)
     _check_key(key)
     if plan is not None:
         _check_plan(scene, plan, options, trace)
         if plan.rows == 0:
             raise ValueError("plan must be of a camera, got one of rays: gaussray.plan(..., rays).")
         return _camera_picture(scene, camera, key, plan)
+    check_camera(camera)
     return _with_plan(_camera_picture, scene, camera, key, options, trace)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
-from gaussray.camera.camera import Camera
+from gaussray.camera.camera import Camera, check_camera
 from gaussray.camera.rays import Rays
 from gaussray.camera.shutter import time_window
 from gaussray.io.validate import check_kind
@@ -110,8 +110,9 @@ def plan(
         trace: how rays are traced.
 
     Raises:
-        ValueError: The scene is a clip, the arguments are traced, or the options ask for what only
-            `Renderer` does: `chunk_rows` or `error`.
+        ValueError: The scene is a clip, the arguments are traced, the options ask for what only
+            `Renderer` does (`chunk_rows` or `error`), or the parts of the camera do not go together
+            (`check_camera`).
     """
     options, trace = options or RenderOptions(), trace or TraceOptions()
     check_kind("camera", camera, (Camera, Rays), "a gaussray.Camera or gaussray.Rays")
@@ -124,6 +125,7 @@ def plan(
         )
     if isinstance(camera, Rays):
         return _plan_of_rays(scene, camera, options, trace)
+    check_camera(camera)
     return _plan_of_camera(scene, camera, options, trace)
 
 

@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 
 from gaussray.camera.camera import Camera
 from gaussray.camera.lens import Pinhole
-from gaussray.camera.lens.correctable import ParametricLens
+from gaussray.camera.principal_point import axis_of
 from gaussray.camera.trajectory import pose_at
 from gaussray.geometry import normalize, safe_norm
 from gaussray.scene.gaussians import Gaussians
@@ -68,11 +68,12 @@ def _pixel_area(mean: Float[Array, "*times n 3"], camera: Camera) -> Float[Array
 
 
 def _pixel_on_axis(camera: Camera) -> Float[Array, ""]:
-    """Solid angle of the pixel on the optical axis; in the middle of a film without one."""
+    """Solid angle of the pixel on the optical axis; in the middle of the film, if the lens does not
+    image its axis."""
     film, direction = camera.film, camera.lens.direction
     middle = jnp.asarray([film.width / 2, film.height / 2], camera.time.dtype)
-    if isinstance(camera.lens, ParametricLens):
-        middle = camera.lens.center
+    axis = axis_of(camera.lens, middle.dtype)
+    middle = jnp.where(jnp.isfinite(axis), axis, middle)
     across, along = jnp.eye(2, dtype=middle.dtype) / 2
     u = direction(middle + across) - direction(middle - across)
     v = direction(middle + along) - direction(middle - along)

@@ -63,8 +63,9 @@ _STAGE_NAMES = {"tracing": "ray tracing", "developing": "sensor", "encoding": "i
 
 def status_text(status: RenderStatus) -> str:
     """A status as Markdown lines."""
+    compiling = f"compiling {counted(status.compiling, 'program')} ..."
     if not status.stages:
-        return f"**Preparing the first preview**  \ncompiling {_programs(status.compiling)} ..."
+        return f"**Preparing the first preview**  \n{compiling}"
     width, height = status.size
     picture = [
         f"{width} x {height} pixels",
@@ -83,9 +84,5 @@ def status_text(status: RenderStatus) -> str:
     if status.dropped:
         lines.append(f"{status.dropped} list entries dropped; the lists are being enlarged")
     if status.compiling:
-        lines.append(f"compiling {_programs(status.compiling)} ...")
+        lines.append(compiling)
     return "  \n".join(lines)
-
-
-def _programs(count: int) -> str:
-    return counted(count, "program")

@@ -23,7 +23,8 @@ from gaussray.reconstruct.optimize.rows import occupied
 from gaussray.reconstruct.options import FitOptions, ReconstructOptions
 from gaussray.reconstruct.pipeline import reconstruct
 from gaussray.reconstruct.run_progress import RunProgress
-from gaussray.reconstruct.session import Session, hand_over
+from gaussray.reconstruct.segment_handover import hand_over
+from gaussray.reconstruct.session import Session
 from gaussray.reconstruct.start import continued_state, initial_state
 from gaussray.reconstruct.step_setup import step_options
 from gaussray.render.options import RenderOptions

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array
 
 from gaussray.camera.aperture import Aperture
-from gaussray.camera.camera import Camera
+from gaussray.camera.camera import Camera, check_focus
 from gaussray.camera.lens import AbstractLens
 from gaussray.capture.capture import View
 from gaussray.capture.formats.paired import read_cameras
@@ -146,12 +146,10 @@ def _check_times(views: Sequence[View], options: CameraOptions) -> None:
 
 
 def _aperture(camera: Camera, lens: AbstractLens, options: ApertureOptions) -> Aperture:
-    if options.radius and options.focus == "plane" and lens.sees_sideways:
-        raise ValueError(
-            "aperture.focus must be sphere for a lens with a field of view of 180 degrees or more, "
-            "whose rays do not all meet a plane in front of it, got plane."
-        )
-    return build_aperture(camera, options)
+    aperture = build_aperture(camera, options)
+    if options.radius:
+        check_focus(aperture, lens)
+    return aperture
 
 
 def _clip_start(camera: Camera, options: CameraOptions) -> Array | None:
