@@ -22,9 +22,9 @@ from typing import Any
 import jax
 import numpy as np
 
+from gaussray.runtime import cuda
 from gaussray.runtime.devices import cores, cpu_devices
 from gaussray.runtime.provenance import git_commit
-from gaussray.tracer import cuda
 from gaussray.tracer.options import TraceOptions, on_cpu_kernel
 
 

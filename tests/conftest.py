@@ -141,17 +141,17 @@ def pytest_unconfigure(config):
 @pytest.fixture(scope="session", autouse=True)
 def machine_code_once():
     """One process compiles machine code; others that need it wait, and load it."""
-    from gaussray.tracer.cpu import call as cpu_call
+    from gaussray.runtime import machine_code
 
     COMPILED.mkdir(parents=True, exist_ok=True)
-    lock, entry = filelock.FileLock(COMPILED / "machine_code.lock"), cpu_call.entry
+    lock, entry = filelock.FileLock(COMPILED / "machine_code.lock"), machine_code.entry
 
     def compiled(function):
         with lock:
             return entry(function)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(cpu_call, "entry", compiled)
+        patch.setattr(machine_code, "entry", compiled)
         yield
 
 

@@ -35,7 +35,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from gaussray.camera.rays import Rays
-from gaussray.tracer.cuda import launch, ptx
+from gaussray.runtime.cuda import launch, ptx
 from gaussray.tracer.kernel_layout import Rows, gaussian_rows, grid_boxes, harmonic_count, is_tinted
 from gaussray.tracer.motion import Motion, arc_weights, clipped_time, merge_rest
 

@@ -6,8 +6,8 @@ import jax.numpy as jnp
 from jax.typing import DTypeLike
 
 from gaussray.io.validate import check_field_types
+from gaussray.runtime import cuda
 from gaussray.runtime.devices import has_machine_code
-from gaussray.tracer import cuda
 
 
 BACKENDS = ("auto", "array", "kernel")

@@ -44,7 +44,8 @@ from single import (
     sheet,
 )
 
-from gaussray.tracer import cuda, kernel, options
+from gaussray.runtime import cuda
+from gaussray.tracer import kernel, options
 from gaussray.tracer.measure import measure
 from gaussray.tracer.motion import merge_rest
 from gaussray.tracer.options import TraceOptions

@@ -22,8 +22,8 @@ from scenes import (
     weights,
 )
 
+from gaussray.runtime import cuda
 from gaussray.scene.light import Light
-from gaussray.tracer import cuda
 from gaussray.tracer.measure import measure
 from gaussray.tracer.options import TraceOptions
 from gaussray.tracer.vector_blend import blended_vector, color_by_vector

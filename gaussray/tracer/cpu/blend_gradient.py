@@ -6,6 +6,7 @@ Each ray of a block (cpu/block.py) blends the states by weights of its own.
 
 import numpy as np
 
+from gaussray.runtime.machine_code import inlined_code, machine_code, summing_code
 from gaussray.tracer.cpu.block import (
     AT_G_BLENDED,
     AT_G_COLOR,
@@ -18,7 +19,6 @@ from gaussray.tracer.cpu.block import (
     LANES,
     copy_row,
 )
-from gaussray.tracer.cpu.call import inlined_code, machine_code, summing_code
 from gaussray.tracer.cpu.hit import dot, inverse_of
 from gaussray.tracer.cpu.meet_gradient import (
     add_ray_gradient,

@@ -8,7 +8,7 @@ gradients of zero, and add nothing.
 
 import numpy as np
 
-from gaussray.tracer.cpu.call import allocating_code, machine_code, summing_code
+from gaussray.runtime.machine_code import allocating_code, machine_code, summing_code
 from gaussray.tracer.cpu.hit import harmonics_of
 
 

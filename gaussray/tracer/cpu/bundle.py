@@ -9,8 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba.cpython.unsafe import numbers
 
-from gaussray.tracer.cpu.block import LANES
-from gaussray.tracer.cpu.call import (
+from gaussray.runtime.machine_code import (
     allocating_code,
     flat_floats,
     floats,
@@ -18,6 +17,7 @@ from gaussray.tracer.cpu.call import (
     machine_code,
     operand,
 )
+from gaussray.tracer.cpu.block import LANES
 from gaussray.tracer.cpu.hit import Layout, harmonics_of
 from gaussray.tracer.cpu.meet import (
     AT_Q,

@@ -5,6 +5,7 @@ All rays of a block (cpu/block.py) are taken together.
 
 import numpy as np
 
+from gaussray.runtime.machine_code import inlined_code, machine_code, summing_code
 from gaussray.scene.harmonics import C0, C1, C2, C3
 from gaussray.tracer.cpu.block import (
     AT_D_HARMONICS,
@@ -19,7 +20,6 @@ from gaussray.tracer.cpu.block import (
     lane_sum,
     product_sum,
 )
-from gaussray.tracer.cpu.call import inlined_code, machine_code, summing_code
 
 
 _ZERO, _HALF, _TWO, _THREE = (np.float32(x) for x in (0, 0.5, 2, 3))

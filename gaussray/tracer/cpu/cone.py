@@ -17,8 +17,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from gaussray.geometry import normalize
+from gaussray.runtime.machine_code import inlined_code, machine_code
 from gaussray.tracer.bundle import Bundles
-from gaussray.tracer.cpu.call import inlined_code, machine_code
 from gaussray.tracer.cpu.reach import SLACK
 
 

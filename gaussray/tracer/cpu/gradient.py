@@ -5,6 +5,7 @@ All rays of a block (cpu/block.py) are taken together.
 
 import numpy as np
 
+from gaussray.runtime.machine_code import machine_code, summing_code
 from gaussray.tracer.cpu.blend_gradient import add_blended_gradients
 from gaussray.tracer.cpu.block import (
     AT_D_DIRECTION,
@@ -21,7 +22,6 @@ from gaussray.tracer.cpu.block import (
     LANES,
     lane_sum,
 )
-from gaussray.tracer.cpu.call import machine_code, summing_code
 from gaussray.tracer.cpu.color_gradient import add_color_gradients, direction_gradient
 from gaussray.tracer.cpu.hit import matrix_of
 from gaussray.tracer.cpu.meet_gradient import (

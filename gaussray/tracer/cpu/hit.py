@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gaussray.runtime.machine_code import inlined_code, machine_code
 from gaussray.scene.harmonics import C0, C1, C2, C3
-from gaussray.tracer.cpu.call import inlined_code, machine_code
 
 
 _ZERO, _HALF, _ONE = (np.float32(x) for x in (0, 0.5, 1))

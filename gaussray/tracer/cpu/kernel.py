@@ -10,6 +10,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from gaussray.runtime.machine_code import (
+    allocating_code,
+    flat_floats,
+    floats,
+    inlined_code,
+    integers,
+    machine_code,
+    operand,
+    result,
+)
+from gaussray.runtime.threads import call_frame, next_piece
 from gaussray.tracer.cpu.block import LANES, begin_block, new_block
 from gaussray.tracer.cpu.bundle import (
     RayArrays,
@@ -20,19 +31,8 @@ from gaussray.tracer.cpu.bundle import (
     march_inputs,
     pop_nearest,
 )
-from gaussray.tracer.cpu.call import (
-    allocating_code,
-    flat_floats,
-    floats,
-    inlined_code,
-    integers,
-    machine_code,
-    operand,
-    result,
-)
 from gaussray.tracer.cpu.gradient import add_gradients, end_block
 from gaussray.tracer.cpu.hit import clamp_positive, color_of
-from gaussray.tracer.cpu.threads import call_frame, next_piece
 
 
 _ZERO, _HALF, _ONE = (np.float32(x) for x in (0, 0.5, 1))

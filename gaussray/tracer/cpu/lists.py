@@ -8,8 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from gaussray.tracer.bundle import Bundles
-from gaussray.tracer.cpu.call import (
+from gaussray.runtime.machine_code import (
     allocating_code,
     floats,
     integers,
@@ -19,17 +18,7 @@ from gaussray.tracer.cpu.call import (
     register,
     result,
 )
-from gaussray.tracer.cpu.cone import bounding_cones, drop_missed
-from gaussray.tracer.cpu.reach import (
-    STATE_ROWS,
-    TESTED_AT_ONCE,
-    Sides,
-    Work,
-    ellipsoids_inside,
-    spheres_inside,
-)
-from gaussray.tracer.cpu.shapes import persistent_shapes, transient_shapes
-from gaussray.tracer.cpu.threads import (
+from gaussray.runtime.threads import (
     call_frame,
     entry_address,
     join_threads,
@@ -40,6 +29,17 @@ from gaussray.tracer.cpu.threads import (
     take_places,
     thread_count,
 )
+from gaussray.tracer.bundle import Bundles
+from gaussray.tracer.cpu.cone import bounding_cones, drop_missed
+from gaussray.tracer.cpu.reach import (
+    STATE_ROWS,
+    TESTED_AT_ONCE,
+    Sides,
+    Work,
+    ellipsoids_inside,
+    spheres_inside,
+)
+from gaussray.tracer.cpu.shapes import persistent_shapes, transient_shapes
 from gaussray.tracer.motion import Motion, clipped_time
 from gaussray.tracer.options import TraceOptions
 from gaussray.tracer.traverse import Candidates, Capacity

@@ -8,8 +8,7 @@ import numpy as np
 from jax.custom_derivatives import CustomVJPPrimal, SymbolicZero
 from jaxtyping import Array, Float, Int
 
-from gaussray.tracer.cpu.bundle import list_range, march_inputs
-from gaussray.tracer.cpu.call import (
+from gaussray.runtime.machine_code import (
     allocating_code,
     flat_floats,
     floats,
@@ -18,8 +17,7 @@ from gaussray.tracer.cpu.call import (
     register,
     result,
 )
-from gaussray.tracer.cpu.kernel import backward_bundles, forward_bundles
-from gaussray.tracer.cpu.threads import (
+from gaussray.runtime.threads import (
     entry_address,
     join_threads,
     shared_address,
@@ -27,6 +25,8 @@ from gaussray.tracer.cpu.threads import (
     start_threads,
     thread_count,
 )
+from gaussray.tracer.cpu.bundle import list_range, march_inputs
+from gaussray.tracer.cpu.kernel import backward_bundles, forward_bundles
 from gaussray.tracer.options import TraceOptions
 from gaussray.tracer.response import reach_radius
 from gaussray.tracer.table import Columns, Lanes

@@ -10,8 +10,8 @@ import math
 
 import numpy as np
 
+from gaussray.runtime.machine_code import allocating_code, inlined_code, machine_code, power_of_two
 from gaussray.tracer.cpu.block import AT_DIRECTION, AT_ORIGIN, AT_TIME, LANES
-from gaussray.tracer.cpu.call import allocating_code, inlined_code, machine_code, power_of_two
 from gaussray.tracer.cpu.hit import inverse_of, matrix_of, meet_ray, time_distance
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from gaussray.runtime.machine_code import inlined_code, machine_code
 from gaussray.tracer.cpu.block import (
     AT_D_DIRECTION,
     AT_D_ORIGIN,
@@ -11,7 +12,6 @@ from gaussray.tracer.cpu.block import (
     AT_WEIGHT,
     LANES,
 )
-from gaussray.tracer.cpu.call import inlined_code, machine_code
 from gaussray.tracer.cpu.hit import cross, dot
 
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gaussray.tracer.cpu.call import inlined_code, machine_code
+from gaussray.runtime.machine_code import inlined_code, machine_code
 
 
 _ZERO, _ONE, _FAR = np.float32(0), np.float32(1), np.float32(np.inf)

@@ -9,7 +9,7 @@ from numba import types
 from numba.core import cgutils
 
 from gaussray.runtime.devices import cores
-from gaussray.tracer.cpu.call import allocating_code, intrinsic, machine_code, word_at
+from gaussray.runtime.machine_code import allocating_code, intrinsic, machine_code, word_at
 
 
 @intrinsic
