@@ -28,6 +28,7 @@ from gaussray.render.parts import Part
 from gaussray.render.samples import sample_points, sample_rays
 from gaussray.runtime.program_cache import ProgramCache, quick_compilation
 from gaussray.runtime.stored_programs import KeptProgram
+from gaussray.scene.planes import register_machine_code
 from gaussray.tracer.composite import Pixels
 from gaussray.tracer.motion import scene_motion
 from gaussray.tracer.options import TraceOptions, on_cpu_kernel, on_kernel
@@ -201,7 +202,8 @@ def motion_program(
         motion = scene_motion(scene, key_time, scene.time_range)
         return prepare(motion, span, options=trace, capacity=capacity)
 
-    return on_devices(run, mesh, (structure, trace, sizes), common=(0,), quick=quick)
+    key = structure, trace, sizes
+    return on_devices(run, mesh, key, common=(0,), quick=quick, needs=register_machine_code)
 
 
 @ProgramCache(12)

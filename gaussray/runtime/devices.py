@@ -4,6 +4,7 @@ import contextlib
 import importlib.util
 import os
 import sys
+import threading
 from collections.abc import Sequence
 from typing import Any, TypeVar
 
@@ -19,6 +20,12 @@ from gaussray.runtime.output import emit
 
 
 _T = TypeVar("_T")
+
+# A flag of XLA.
+_TRITON = "xla_gpu_enable_triton_gemm"
+# Numba's modules import each other: of threads that compile programs at the same time, one alone
+# may import them.
+importing_numba = threading.Lock()
 
 
 class DevicesOptions(eqx.Module):
@@ -78,6 +85,7 @@ def start_devices(options: DevicesOptions) -> int | None:
     # If JAX has already started (in a notebook, in tests) it keeps its devices.
     with contextlib.suppress(RuntimeError):
         jax.config.update("jax_num_cpu_devices", options.count or cpu_devices())
+    _leave_out_triton()
     keep_programs(options.programs)
     if options.hosts != 1 and not jax.distributed.is_initialized():
         _meet(options)
@@ -97,6 +105,20 @@ def start_devices(options: DevicesOptions) -> int | None:
     return options.count or None
 
 
+def _leave_out_triton() -> None:
+    """Let XLA multiply matrices by NVIDIA's library alone, before it has read its flags.
+
+    For each product it would else compile and time dozens of kernels in Triton's language: two
+    thirds of the time that the program of a training step takes to compile. The products here are
+    small. A version that does not know a flag ends the process, so only those that were tried are
+    told, and only where a GPU's library is installed: flags are part of a kept program's key.
+    """
+    flags, release = os.environ.get("XLA_FLAGS", ""), jax.__version_info__[:2]
+    has_gpu = any(importlib.util.find_spec(f"jax_cuda{n}_plugin") for n in (12, 13))
+    if has_gpu and (0, 8) <= release <= (0, 11) and _TRITON not in flags:
+        os.environ["XLA_FLAGS"] = f"{flags} --{_TRITON}=false".strip()
+
+
 def cores() -> int:
     """Processors that this process may use."""
     try:
@@ -108,6 +130,11 @@ def cores() -> int:
 def has_machine_code() -> bool:
     """Whether Numba is there to compile machine code for a CPU."""
     return importlib.util.find_spec("numba") is not None
+
+
+def runs_machine_code() -> bool:
+    """Whether programs run on a CPU and may call machine code."""
+    return jax.default_backend() == "cpu" and has_machine_code()
 
 
 def cpu_devices() -> int:

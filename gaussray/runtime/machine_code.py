@@ -57,7 +57,8 @@ def entry(function: Callable) -> Any:
     function = inspect.unwrap(function)
     # Numba takes what is on disk for old if the function's own file is newer, but not if another is
     # that it calls: these are part of its name there.
-    function.__qualname__ = f"{function.__name__}_{_version()}"
+    folder = Path(inspect.getfile(function)).parent
+    function.__qualname__ = f"{function.__name__}_{_version(folder)}"
     signature = types.int64(types.int64)
     try:
         return cfunc(signature, cache=True)(function)
@@ -66,9 +67,9 @@ def entry(function: Callable) -> Any:
 
 
 @functools.cache
-def _version() -> str:
-    """A number for what the sources of all machine code hold."""
-    parts = sorted(Path(__file__).parent.glob("*.py"))
+def _version(folder: Path) -> str:
+    """A number for what the sources of a folder and of this module's own folder hold."""
+    parts = [*sorted(folder.glob("*.py")), *sorted(Path(__file__).parent.glob("*.py"))]
     return hashlib.sha256(b"".join(part.read_bytes() for part in parts)).hexdigest()[:12]
 
 

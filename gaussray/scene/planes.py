@@ -3,7 +3,12 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Float, PRNGKeyArray
+
+from gaussray.runtime.cuda import available as has_cuda
+from gaussray.runtime.devices import importing_numba, runs_machine_code
+from gaussray.scene.plane_kernel import backward_on_gpu, forward_on_gpu
 
 
 # The coordinate pairs of the planes; 3 is time.
@@ -97,16 +102,80 @@ def features(
     moment = jnp.clip((time - planes.begin) / jnp.where(span > 0, span, 1), 0, 1)
     parts = [jnp.zeros((len(position), 0), position.dtype)]
     for space, instants in zip(planes.space, planes.time, strict=True):
-        product = jnp.ones((), position.dtype)
-        for plane, (a, b) in zip(space, SPACE_PAIRS, strict=True):
-            product = product * _bilinear(plane, unit[:, b], unit[:, a])
-        for axis in range(3):
-            row, fraction = _knot(moment, instants.shape[1])
-            table = instants[axis]
-            line = (1 - fraction) * table[row] + fraction * table[row + 1]
-            product = product * _linear(line, unit[:, axis])
-        parts.append(product)
+        row, fraction = _knot(moment, instants.shape[1])
+        line = (1 - fraction) * instants[:, row] + fraction * instants[:, row + 1]
+        parts.append(plane_product(space, line, unit))
     return jnp.concatenate(parts, axis=-1)
+
+
+def plane_product(
+    space: Float[Array, "3 side side channels"],
+    line: Float[Array, "3 side channels"],
+    unit: Float[Array, "gaussians 3"],
+) -> Float[Array, "gaussians channels"]:
+    """Products of bilinear samples of three planes and linear samples of three lines.
+
+    In single precision by Numba on a CPU (`plane_code`) and by CUDA on a GPU (`plane_kernel`), else
+    by arrays: XLA compiles the 18 look-ups and their gradients for seconds.
+
+    Args:
+        space: the planes xy, xz, yz, indexed [second axis, first axis].
+        line: the lines of x, y, z.
+        unit: positions, in the unit cube.
+    """
+    kinds = {space.dtype, line.dtype, unit.dtype}
+    native = kinds == {jnp.dtype(jnp.float32)} and line.shape[1] > 1 and unit.shape[0] > 0
+    if native and (has_cuda() or runs_machine_code()):
+        return _native_product(space, line, unit)
+    return _array_product(space, line, unit)
+
+
+def register_machine_code() -> None:
+    """Make known to XLA what programs of a CPU call that were compiled by an earlier process."""
+    if runs_machine_code():
+        _machine_code().register_forward()
+
+
+def _machine_code():
+    """The module that needs Numba, which takes a moment to import."""
+    with importing_numba:
+        from gaussray.scene import plane_code
+    return plane_code
+
+
+def _forward(space: Array, line: Array, unit: Array) -> Array:
+    if has_cuda():
+        return forward_on_gpu(space, line, unit)
+    return _machine_code().forward_on_cpu(space, line, unit)
+
+
+def _forward_saved(space, line, unit):
+    # The structure tells whether positions have a gradient, as values would be traced.
+    moves = () if unit.perturbed else None
+    arrays = space.value, line.value, unit.value
+    return _forward(*arrays), (arrays, moves)
+
+
+def _backward(saved, g):
+    arrays, moves = saved
+    if isinstance(g, SymbolicZero):
+        return None, None, None
+    if has_cuda():
+        return backward_on_gpu(*arrays, g, moves=moves is not None)
+    return _machine_code().backward_on_cpu(*arrays, g, moves=moves is not None)
+
+
+_native_product = jax.custom_vjp(_forward)
+_native_product.defvjp(_forward_saved, _backward, symbolic_zeros=True)
+
+
+def _array_product(space: Array, line: Array, unit: Array) -> Array:
+    product = jnp.ones((), unit.dtype)
+    for plane, (a, b) in zip(space, SPACE_PAIRS, strict=True):
+        product = product * _bilinear(plane, unit[:, b], unit[:, a])
+    for axis in range(3):
+        product = product * _linear(line[axis], unit[:, axis])
+    return product
 
 
 def _knot(unit: Array, count: int) -> tuple[Array, Array]:

@@ -1,13 +1,12 @@
 """Options of the tracer, and the choice of its backend."""
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jax.typing import DTypeLike
 
 from gaussray.io.validate import check_field_types
 from gaussray.runtime import cuda
-from gaussray.runtime.devices import has_machine_code
+from gaussray.runtime.devices import runs_machine_code
 
 
 BACKENDS = ("auto", "array", "kernel")
@@ -105,8 +104,7 @@ def on_cpu_kernel(options: TraceOptions, dtype: DTypeLike) -> bool:
         dtype: precision of the rays.
     """
     single = jnp.dtype(dtype) == jnp.float32
-    on_cpu = jax.default_backend() == "cpu"
-    return options.backend != "array" and single and on_cpu and has_machine_code()
+    return options.backend != "array" and single and runs_machine_code()
 
 
 def grid_levels(options: TraceOptions, dtype: DTypeLike) -> int:

@@ -1,6 +1,5 @@
 """The tracer: candidates of ray bundles, then the march of the bundles."""
 
-import threading
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -15,6 +14,7 @@ from jax.typing import DTypeLike
 from jaxtyping import Array, Float, Int
 
 from gaussray.camera.rays import Rays, moved_to_start
+from gaussray.runtime.devices import importing_numba
 from gaussray.tracer import kernel
 from gaussray.tracer.bundle import bounds_of_levels, split_into_bundles
 from gaussray.tracer.composite import Pixels, from_origin
@@ -186,14 +186,9 @@ class _MachineCode(NamedTuple):
     march: ModuleType
 
 
-# Numba's modules import each other: of the threads that compile the programs of a picture, one
-# alone may import them.
-_importing = threading.Lock()
-
-
 def _machine_code() -> _MachineCode:
     """Import the modules; Numba takes as long to import as a small picture to render."""
-    with _importing:
+    with importing_numba:
         from gaussray.tracer.cpu import lists as cpu_lists, march as cpu_march
     return _MachineCode(cpu_lists, cpu_march)
 
