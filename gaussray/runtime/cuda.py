@@ -134,6 +134,7 @@ def launch(
     call = jax.ffi.ffi_call(
         _TARGET,
         (*results, *(jax.ShapeDtypeStruct(x.shape, x.dtype) for x in sums)),
+        vmap_method="sequential",
         input_output_aliases={operand_count + i: result_count + i for i in range(len(sums))},
     )
     total = operand_count + len(sums)

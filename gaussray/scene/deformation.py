@@ -21,6 +21,8 @@ from gaussray.scene.planes import Planes, features
 STRETCH = 0.3
 # Largest change of the logarithm of the colour: from sun to deep shade.
 CONTRAST = 3.0
+# Gaussians of a piece of the gradient of a matrix.
+_PIECE = 512
 # The fields of a `Deformation` that are output heads of its network; each may be None.
 HEADS = ("mean", "rotation", "scale", "tint")
 
@@ -60,7 +62,33 @@ class Layer(eqx.Module):
     bias: Float[Array, " outputs"]
 
     def __call__(self, x: Float[Array, "gaussians inputs"]) -> Float[Array, "gaussians outputs"]:
-        return product("ni,io->no", x, self.weight) + self.bias[None]
+        return _matrix_product(x, self.weight) + self.bias[None]
+
+
+@jax.custom_vjp
+def _matrix_product(x: Array, weight: Array) -> Array:
+    return product("ni,io->no", x, weight)
+
+
+def _matrix_product_backward(saved, g):
+    (x, weight), g = saved, jnp.asarray(g)
+    return product("no,io->ni", g, weight), _sum_of_outer_products(x, g)
+
+
+_matrix_product.defvjp(
+    lambda x, weight: (product("ni,io->no", x, weight), (x, weight)), _matrix_product_backward
+)
+
+
+def _sum_of_outer_products(x: Array, g: Array) -> Array:
+    """x^T g. On a GPU in pieces that are then added: NVIDIA's library gives the few numbers of the
+    result to a few blocks, each of which would go through all Gaussians."""
+    if jax.default_backend() == "cpu" or len(x) <= _PIECE:
+        return product("ni,no->io", x, g)
+    x, g = (
+        jnp.pad(v, ((0, -len(v) % _PIECE), (0, 0))).reshape(-1, _PIECE, v.shape[1]) for v in (x, g)
+    )
+    return jnp.sum(product("pni,pno->pio", x, g), axis=0)
 
 
 class Deformation(eqx.Module):

@@ -324,14 +324,14 @@ def _distinct(
 ) -> Pose:
     """The best pose, the best of those that differ from it, the best of those that differ from
     both, and so on."""
-    chosen = []
-    for _ in range(count):
+
+    def one(cost: Array, _: None) -> tuple[Array, Pose]:
         at = jnp.argmin(cost)
-        best = jax.tree.map(lambda x, at=at: x[at], pose)
-        chosen.append(best)
-        near = jax.vmap(lambda x, best=best: change(best, x))(pose) < DIFFERENT
-        cost = jnp.where(near, jnp.inf, cost)
-    return jax.tree.map(lambda *x: jnp.stack(x), *chosen)
+        best = jax.tree.map(lambda x: x[at], pose)
+        near = jax.vmap(partial(change, best))(pose) < DIFFERENT
+        return jnp.where(near, jnp.inf, cost), best
+
+    return jax.lax.scan(one, cost, length=count)[1]
 
 
 def _step_from(first: Pose, pose: Pose, size: Array) -> Float[Array, ""]:
