@@ -3,9 +3,11 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Float
 
 from gaussray.geometry import inlined, normalize_quaternion, product, rotation_matrix
+from gaussray.runtime.devices import importing_numba, runs_machine_code
 from gaussray.scene.bodies import poses_at
 
 
@@ -43,12 +45,79 @@ def skinning_weights(
         points: the control points, at least one.
         position: centres of the Gaussians at rest, in scene units.
     """
+    return _weights(points.pivot, points.radius, position)
+
+
+def _weights(pivot: Array, radius: Array, position: Array) -> Array:
     # From the middle of the points, so that the difference of squares keeps its digits.
-    middle = jnp.mean(points.pivot, axis=0)[None]
-    place, pivot = position - middle, points.pivot - middle
+    middle = jnp.mean(pivot, axis=0)[None]
+    place, pivot = position - middle, pivot - middle
     square = jnp.sum(place**2, axis=1)[:, None] + jnp.sum(pivot**2, axis=1)[None]
     square = jnp.maximum(square - 2 * product("nd,md->nm", place, pivot), 0)
-    return jax.nn.softmax(-square / (2 * points.radius**2)[None], axis=1)
+    return jax.nn.softmax(-square / (2 * radius**2)[None], axis=1)
+
+
+def skinned(
+    pivot: Float[Array, "points 3"],
+    radius: Float[Array, " points"],
+    position: Float[Array, "gaussians 3"],
+    table: Float[Array, "points columns"],
+) -> Float[Array, "gaussians columns"]:
+    """Rows of a table, blended with the weights of the control points (`skinning_weights`).
+
+    In single precision on a CPU by machine code (`skinning_code`).
+
+    Args:
+        pivot: places of the control points, in scene units.
+        radius: widths of their weights, in scene units.
+        position: centres of the Gaussians at rest, in scene units.
+        table: a row for each control point.
+    """
+    single = all(x.dtype == jnp.float32 for x in (pivot, radius, position, table))
+    if single and position.shape[0] and runs_machine_code():
+        return _native_blend(pivot, radius, position, table)
+    return _array_blend(pivot, radius, position, table)
+
+
+def register_machine_code() -> None:
+    """Make known to XLA what programs of a CPU call that were compiled by an earlier process."""
+    if runs_machine_code():
+        _machine_code().register_forward()
+
+
+def _machine_code():
+    """The module that needs Numba, which takes a moment to import."""
+    with importing_numba:
+        from gaussray.scene import skinning_code
+    return skinning_code
+
+
+def _array_blend(pivot: Array, radius: Array, position: Array, table: Array) -> Array:
+    return product("nm,mc->nc", _weights(pivot, radius, position), table)
+
+
+def _blend(pivot: Array, radius: Array, position: Array, table: Array) -> Array:
+    return _machine_code().blended_on_cpu(pivot, radius, position, table)
+
+
+def _blend_saved(*primals):
+    # The structure tells whether weights have a gradient, as values would be traced.
+    weighs = () if any(x.perturbed for x in primals[:3]) else None
+    arrays = [x.value for x in primals]
+    return _blend(*arrays), (arrays, weighs)
+
+
+def _blend_backward(saved, g):
+    arrays, weighs = saved
+    if isinstance(g, SymbolicZero):
+        return None, None, None, None
+    if weighs is not None:
+        return jax.vjp(_array_blend, *arrays)[1](g)
+    return None, None, None, _machine_code().table_gradient_on_cpu(*arrays[:3], g)
+
+
+_native_blend = jax.custom_vjp(_blend)
+_native_blend.defvjp(_blend_saved, _blend_backward, symbolic_zeros=True)
 
 
 @inlined
@@ -73,7 +142,7 @@ def control_motion(
     shift = path - product("mij,mj->mi", change, points.pivot - middle[None])
     # All that is blended, in one product.
     table = jnp.concatenate([shift, change.reshape(-1, 9), turn], axis=1)
-    blend = product("nm,mc->nc", skinning_weights(points, position), table)
+    blend = skinned(points.pivot, points.radius, position, table)
     shift, change, turn = jnp.split(blend, [3, 12], axis=1)
     turned = product("nij,nj->ni", change.reshape(-1, 3, 3), position - middle[None])
     return shift + turned, normalize_quaternion(turn)

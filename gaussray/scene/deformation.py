@@ -6,6 +6,7 @@ Features of position and time become residuals of the Gaussians.
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from gaussray.geometry import multiply, normalize_quaternion, product, rotation_matrix
@@ -21,8 +22,8 @@ from gaussray.scene.planes import Planes, features
 STRETCH = 0.3
 # Largest change of the logarithm of the colour: from sun to deep shade.
 CONTRAST = 3.0
-# Gaussians of a piece of the gradient of a matrix.
-_PIECE = 512
+# Gaussians of a piece of the gradient of a matrix on a GPU, and of the network on a CPU.
+_PIECE, _BLOCK = 512, 1024
 # The fields of a `Deformation` that are output heads of its network; each may be None.
 HEADS = ("mean", "rotation", "scale", "tint")
 
@@ -199,11 +200,7 @@ def deform(
     if held:
         position, quat = jax.lax.stop_gradient((position, quat))
         control = None if control is None else with_fixed_weights(control)
-    hidden = deformation.trunk(features(deformation.planes, position, time))
-
-    def residual(head: tuple[Layer, Layer] | None) -> Array:
-        return jnp.zeros((), hidden.dtype) if head is None else head_output(head, hidden)
-
+    residual = _residuals(deformation, features(deformation.planes, position, time))
     if control is not None:
         pivot, (path, turn) = position, control_motion(control, position, time)
     else:
@@ -217,15 +214,53 @@ def deform(
     normal = product("nij,nj->ni", facing, normal)
     normal = jnp.where(inward, -normal, normal)
     shade = product("nh,hc->nc", jnp.stack(harmonic_basis(normal.T, 9), axis=-1), deformation.light)
-    stretch = STRETCH * jnp.tanh(residual(deformation.scale) / STRETCH)
+    stretch = STRETCH * jnp.tanh(residual["scale"] / STRETCH)
     return Gaussians(
-        mean=pivot + path + arm + residual(deformation.mean),
-        quat=rotated + residual(deformation.rotation),
+        mean=pivot + path + arm + residual["mean"],
+        quat=rotated + residual["rotation"],
         scale=gaussians.scale * jnp.exp(stretch),
         opacity=gaussians.opacity,
         harmonics=gaussians.harmonics,
-        tint=jnp.exp(CONTRAST * jnp.tanh((shade + residual(deformation.tint)) / CONTRAST)),
+        tint=jnp.exp(CONTRAST * jnp.tanh((shade + residual["tint"]) / CONTRAST)),
     )
+
+
+def _residuals(
+    deformation: Deformation, inputs: Float[Array, "gaussians features"]
+) -> dict[str, Array]:
+    """Outputs of all heads by their names, 0 of those that are None.
+
+    The heads are one network, whose last layers are the blocks of a matrix: many small products
+    leave a GPU idle. A CPU computes some Gaussians at a time, so that their layers stay in its
+    caches.
+    """
+    zero = jnp.zeros((), inputs.dtype)
+    heads = {name: getattr(deformation, name) for name in HEADS}
+    present = {name: head for name, head in heads.items() if head is not None}
+    outputs: dict[str, Array] = dict.fromkeys(HEADS, zero)
+    if not present:
+        return outputs
+    first, last = zip(*present.values(), strict=True)
+    inner = Layer(
+        jnp.concatenate([layer.weight for layer in first], axis=1),
+        jnp.concatenate([layer.bias for layer in first]),
+    )
+    outer = Layer(
+        jax.scipy.linalg.block_diag(*(layer.weight for layer in last)),
+        jnp.concatenate([layer.bias for layer in last]),
+    )
+
+    def network(x: Array) -> Array:
+        return head_output((inner, outer), deformation.trunk(x))
+
+    count, block = len(inputs), _BLOCK
+    if jax.default_backend() == "cpu" and count > block:
+        blocks = jnp.pad(inputs, ((0, -count % block), (0, 0))).reshape(-1, block, inputs.shape[1])
+        found = jax.lax.map(network, blocks).reshape(-1, len(outer.bias))[:count]
+    else:
+        found = network(inputs)
+    ends = np.cumsum([len(layer.bias) for layer in last])[:-1]
+    return outputs | dict(zip(present, jnp.split(found, ends, axis=1), strict=True))
 
 
 def _body_motion(bodies: Bodies, position: Array, time: Array) -> tuple[Array, Array, Array]:
