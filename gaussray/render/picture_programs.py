@@ -28,7 +28,7 @@ from gaussray.render.parts import Part
 from gaussray.render.samples import sample_points, sample_rays
 from gaussray.runtime.program_cache import ProgramCache, quick_compilation
 from gaussray.runtime.stored_programs import KeptProgram
-from gaussray.scene.planes import register_machine_code
+from gaussray.scene.deformation import register_machine_code
 from gaussray.tracer.composite import Pixels
 from gaussray.tracer.motion import scene_motion
 from gaussray.tracer.options import TraceOptions, on_cpu_kernel, on_kernel

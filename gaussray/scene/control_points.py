@@ -79,8 +79,8 @@ def skinned(
     return _array_blend(pivot, radius, position, table)
 
 
-def register_machine_code() -> None:
-    """Make known to XLA what programs of a CPU call that were compiled by an earlier process."""
+def register_skinning_code() -> None:
+    """Make the forward pass known to XLA on a CPU, for programs from an earlier process."""
     if runs_machine_code():
         _machine_code().register_forward()
 

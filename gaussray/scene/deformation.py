@@ -11,10 +11,15 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from gaussray.geometry import multiply, normalize_quaternion, product, rotation_matrix
 from gaussray.scene.bodies import Bodies, body_of, body_pose_at
-from gaussray.scene.control_points import ControlPoints, control_motion, with_fixed_weights
+from gaussray.scene.control_points import (
+    ControlPoints,
+    control_motion,
+    register_skinning_code,
+    with_fixed_weights,
+)
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.harmonics import harmonic_basis
-from gaussray.scene.planes import Planes, features
+from gaussray.scene.planes import Planes, features, register_plane_code
 
 
 # Largest change of log scale: unbounded, a Gaussian whose motion is not yet found grows until it
@@ -223,6 +228,12 @@ def deform(
         harmonics=gaussians.harmonics,
         tint=jnp.exp(CONTRAST * jnp.tanh((shade + residual["tint"]) / CONTRAST)),
     )
+
+
+def register_machine_code() -> None:
+    """Make known to XLA what deformation calls on a CPU in a program from an earlier process."""
+    register_plane_code()
+    register_skinning_code()
 
 
 def _residuals(

@@ -126,12 +126,16 @@ def _weigh(points, position, i):
 
 
 @summing_code
-def _dot(weight, row):
-    """The sum of the products of two rows."""
-    total = _ZERO
+def _dots(weight, columns, c):
+    """The sums of the products of a row and four columns."""
+    p, q, r, s = columns[c], columns[c + 1], columns[c + 2], columns[c + 3]
+    a, b, d, e = _ZERO, _ZERO, _ZERO, _ZERO
     for k in range(len(weight)):
-        total += weight[k] * row[k]
-    return total
+        a += weight[k] * p[k]
+        b += weight[k] * q[k]
+        d += weight[k] * r[k]
+        e += weight[k] * s[k]
+    return a, b, d, e
 
 
 @summing_code
@@ -147,16 +151,20 @@ def _forward_pieces(shared):
     frame = call_frame(shared)
     points, position = _points(frame), floats(operand(frame, 2))
     table, out = floats(operand(frame, 3)), floats(result(frame, 0))
-    columns = np.zeros((table.shape[1], len(points.weight)), np.float32)
-    columns[:, : len(table)] = table.T
+    wanted = table.shape[1]
+    columns = np.zeros(((wanted + 3) // 4 * 4, len(points.weight)), np.float32)
+    columns[:wanted, : len(table)] = table.T
+    row = np.empty(len(columns), np.float32)
     while True:
         begin = next_piece(shared) * _PIECE
         if begin >= len(position):
             return
         for i in range(begin, min(begin + _PIECE, len(position))):
             share = _ONE / _weigh(points, position, i)
-            for c in range(len(columns)):
-                out[i, c] = share * _dot(points.weight, columns[c])
+            for c in range(0, len(columns), 4):
+                row[c], row[c + 1], row[c + 2], row[c + 3] = _dots(points.weight, columns, c)
+            for c in range(wanted):
+                out[i, c] = share * row[c]
 
 
 @allocating_code

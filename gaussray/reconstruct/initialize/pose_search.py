@@ -78,8 +78,7 @@ PLACE_DRAWS, FAR, LOST, SPOTS = 64, 0.6, 0.8, 16
 ROUGH, TURNS_ROUGH, PLACES_ROUGH, WORTH_MORE = 3, 10, 20, 4
 # And it may be turned by any angle: so many times the number of poses are tried as turns at each
 # spot, Cauchy distributed with this half width in radians, each with a small step, in body sizes.
-# Boxes look alike from several sides: sharper pictures decide between the best turns, and the
-# sharpest between the last.
+# Boxes look alike from several sides: sharper pictures decide between the best, then the last.
 TURN_DRAWS, SPUN, NUDGED, MODES, FINAL = 8, 0.5, 0.1, 4, 2
 # Where a body was found, so many times the number of poses are tried as any turns, and so many of
 # those at which it looks alike are looked at closer.
@@ -243,11 +242,8 @@ class _Search(NamedTuple):
 
     def thinned(self, each: int) -> "_Search":
         """The same with fewer points."""
-        own = self.own
-        few = own._replace(
-            place=own.place[::each], normal=own.normal[::each], look=own.look[::each]
-        )
-        return self._replace(own=few)
+        few = {name: getattr(self.own, name)[::each] for name in ("place", "normal", "look")}
+        return self._replace(own=self.own._replace(**few))
 
 
 def _search_far(key: PRNGKeyArray, search: _Search, since: Array) -> tuple[Pose, Array]:
@@ -279,24 +275,31 @@ def _narrowed(key: PRNGKeyArray, search: _Search, pose: Pose, levels: range) -> 
     """The pose around which the best draws gather, round after round, and the cost of the best."""
     options, dtype = search.options, pose.path.dtype
     unit = jnp.concatenate([jnp.ones(3, dtype), jnp.full(3, search.own.size)])
-    spread, cost = jnp.zeros(6, dtype), jnp.asarray(jnp.inf, dtype)
-    for level in levels:
-        layer = search.pictures.layers[level]
-        wide, narrow = WIDTHS[min(level, len(WIDTHS) - 1)]
 
-        def one_round(state, key, layer=layer, narrow=narrow):
+    def one_level(state, at):
+        layer, width, keys = at
+
+        def one_round(state, key):
             pose, spread, _ = state
             draw = spread[None] * jax.random.normal(key, (options.poses, 6), dtype)
             draw = draw.at[0].set(0) * unit[None]
             cost = search.costs(draw, pose, layer)
             order = jnp.argsort(cost)[: options.elite]
             best = draw[order]
-            spread = jnp.maximum(jnp.std(best, axis=0) / unit, narrow)
+            spread = jnp.maximum(jnp.std(best, axis=0) / unit, width[1])
             return (changed(pose, jnp.mean(best, axis=0)), spread, cost[order[0]]), None
 
-        keys = jax.random.split(jax.random.fold_in(key, level), options.rounds)
-        state = (pose, jnp.maximum(spread, wide), cost)
-        (pose, spread, cost), _ = jax.lax.scan(one_round, state, keys)
+        pose, spread, cost = state
+        return jax.lax.scan(one_round, (pose, jnp.maximum(spread, width[0]), cost), keys)[0], None
+
+    # In a loop all levels are compiled once.
+    begin = pose, jnp.zeros(6, dtype), jnp.asarray(jnp.inf, dtype)
+    if not levels:
+        return pose, begin[2]
+    layers = jnp.stack(search.pictures.layers[levels.start : levels.stop])
+    widths = jnp.asarray([WIDTHS[min(level, len(WIDTHS) - 1)] for level in levels], dtype)
+    keys = [jax.random.split(jax.random.fold_in(key, i), options.rounds) for i in levels]
+    pose, _, cost = jax.lax.scan(one_level, begin, (layers, widths, jnp.stack(keys)))[0]
     return pose, cost
 
 
