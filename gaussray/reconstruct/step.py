@@ -27,7 +27,7 @@ from gaussray.reconstruct.step_loss import (
     step_motion,
     step_rays,
 )
-from gaussray.runtime.program_cache import looped_jit
+from gaussray.runtime.program_cache import step_jit
 from gaussray.tracer.measure import measure
 from gaussray.tracer.options import on_kernel
 from gaussray.tracer.traverse import enlarged_size
@@ -133,7 +133,7 @@ def _places(
     return (max(kept, 1), max(brief, 1)) if few else None
 
 
-@looped_jit
+@step_jit
 def train_block(
     state: State,
     views: Camera,

@@ -17,12 +17,11 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from gaussray.runtime.jit_cache import keep_programs
 from gaussray.runtime.output import emit
+from gaussray.runtime.program_cache import TRITON
 
 
 _T = TypeVar("_T")
 
-# A flag of XLA.
-_TRITON = "xla_gpu_enable_triton_gemm"
 # Numba's modules import each other: of threads that compile programs at the same time, one alone
 # may import them.
 importing_numba = threading.Lock()
@@ -106,17 +105,15 @@ def start_devices(options: DevicesOptions) -> int | None:
 
 
 def _leave_out_triton() -> None:
-    """Let XLA multiply matrices by NVIDIA's library alone, before it has read its flags.
+    """Let XLA multiply matrices by NVIDIA's library alone (`TRITON`), before it reads its flags.
 
-    For each product it would else compile and time dozens of kernels in Triton's language: two
-    thirds of the time that the program of a training step takes to compile. The products here are
-    small. A version that does not know a flag ends the process, so only those that were tried are
-    told, and only where a GPU's library is installed: flags are part of a kept program's key.
+    A version that does not know a flag ends the process, so only those that were tried are told,
+    and only where a GPU's library is installed: flags are part of a kept program's key.
     """
     flags, release = os.environ.get("XLA_FLAGS", ""), jax.__version_info__[:2]
     has_gpu = any(importlib.util.find_spec(f"jax_cuda{n}_plugin") for n in (12, 13))
-    if has_gpu and (0, 8) <= release <= (0, 11) and _TRITON not in flags:
-        os.environ["XLA_FLAGS"] = f"{flags} --{_TRITON}=false".strip()
+    if has_gpu and (0, 8) <= release <= (0, 11) and TRITON not in flags:
+        os.environ["XLA_FLAGS"] = f"{flags} --{TRITON}=false".strip()
 
 
 def cores() -> int:

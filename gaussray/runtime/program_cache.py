@@ -11,6 +11,9 @@ import equinox as eqx
 import jax
 
 
+# XLA's option by which it compiles and times dozens of kernels in Triton's language for each
+# product of matrices: two thirds of what a training step takes to compile. The products are small.
+TRITON = "xla_gpu_enable_triton_gemm"
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
 
@@ -23,13 +26,16 @@ def quick_compilation() -> dict[str, bool] | None:
 
 
 @functools.cache
-def loops_for_sums() -> dict[str, str] | None:
-    """Options of a compiler for CPUs that sums over few numbers in loops of its own: by its library
-    (YNNPACK) the sum over three numbers of each of 20,000 Gaussians takes 25 times as long. None
-    for other devices, and where the installed version of XLA does not know the library."""
-    options = {"xla_cpu_experimental_ynn_fusion_type": ""}
-    if jax.default_backend() != "cpu":
-        return None
+def step_compiler() -> dict[str, Any] | None:
+    """Options of the compiler for programs of training steps; None where the installed version of
+    XLA does not know them.
+
+    On a CPU, sums over few numbers are loops of XLA's own: by its library (YNNPACK) the sum over
+    three numbers of each of 20,000 Gaussians takes 25 times as long. On a GPU matrices are
+    multiplied without `TRITON`.
+    """
+    on_cpu = jax.default_backend() == "cpu"
+    options = {"xla_cpu_experimental_ynn_fusion_type": ""} if on_cpu else {TRITON: False}
     try:
         jax.jit(lambda x: x, compiler_options=options).lower(0.0).compile()
     except jax.errors.JaxRuntimeError:
@@ -37,17 +43,17 @@ def loops_for_sums() -> dict[str, str] | None:
     return options
 
 
-def looped_jit(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """`eqx.filter_jit` with `loops_for_sums`, which are found at the first call: only then are the
-    devices known."""
+def step_jit(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """`eqx.filter_jit` with the options of `step_compiler`, which are found at the first call: only
+    then are the devices known."""
     jit: Any = eqx.filter_jit  # Its types leave out the options that it hands on to `jax.jit`.
-    compiled = functools.cache(lambda: jit(function, compiler_options=loops_for_sums()))
+    compiled = functools.cache(lambda: jit(function, compiler_options=step_compiler()))
 
     @functools.wraps(function)
-    def looped(*args: _P.args, **kwargs: _P.kwargs) -> _R:
+    def called(*args: _P.args, **kwargs: _P.kwargs) -> _R:
         return compiled()(*args, **kwargs)
 
-    return looped
+    return called
 
 
 class ProgramCache:

@@ -1,5 +1,6 @@
 """Several devices, of one host or of two, do what one device does."""
 
+import importlib.util
 import json
 import os
 import shutil
@@ -40,6 +41,24 @@ SAME = 1e-5
 NEAR = 2e-3
 # The Gaussians start as round discs, whose turn about their axis matters not at all.
 FREE = ("static.quat", "moving.quat", "header")
+
+
+def test_a_gpu_compiles_without_triton_where_the_user_does_not_decide(monkeypatch):
+    find_spec = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name: name == "jax_cuda12_plugin" or find_spec(name)
+    )
+    found = []
+    for given in ("", "--xla_gpu_enable_triton_gemm=true", "--xla_cpu_enable_fast_math=false"):
+        monkeypatch.setenv("XLA_FLAGS", given)
+        start_devices(DevicesOptions(programs=""))
+        found.append(os.environ["XLA_FLAGS"])
+    off = "--xla_gpu_enable_triton_gemm=false"
+    assert found == [
+        off,
+        "--xla_gpu_enable_triton_gemm=true",
+        f"--xla_cpu_enable_fast_math=false {off}",
+    ]
 
 
 def started(truth, out, verbs, *devices):

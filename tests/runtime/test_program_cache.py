@@ -3,11 +3,11 @@
 import jax
 import jax.numpy as jnp
 
-from gaussray.runtime.program_cache import ProgramCache, loops_for_sums
+from gaussray.runtime.program_cache import ProgramCache, step_compiler
 
 
 def test_sums_over_few_numbers_are_not_left_to_a_library():
-    squared = jax.jit(lambda x: jnp.sum(x * x, axis=-1), compiler_options=loops_for_sums())
+    squared = jax.jit(lambda x: jnp.sum(x * x, axis=-1), compiler_options=step_compiler())
     program = squared.lower(jnp.ones((50_000, 3), jnp.float32)).compile()
     assert "ynn" not in (program.as_text() or "")
     assert jnp.all(squared(jnp.ones((50_000, 3), jnp.float32)) == 3)
