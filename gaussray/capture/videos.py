@@ -17,6 +17,7 @@ from jaxtyping import UInt8
 from gaussray.capture.errors import CaptureError, CaptureWarning
 from gaussray.capture.high_dynamic_range import curve_of, frame_levels
 from gaussray.io.safe.limits import limits, within
+from gaussray.runtime.progress import Progress
 
 
 VIDEO_SUFFIXES = (
@@ -134,7 +135,7 @@ def _identity(path):
 def _facts(path: Path, changed: int, size: int) -> Video:
     with open_video(path) as container:
         stream = video_stream(path, container)
-        times, listed, first = [], 0, None
+        packets, listed, first = [], 0, None
         for packet in container.demux(stream):
             if packet.is_corrupt:
                 raise _broken(path, f"packet {listed} is incomplete")
@@ -146,12 +147,13 @@ def _facts(path: Path, changed: int, size: int) -> Video:
                     "the limit if you trust the file."
                 )
             if packet.size and not packet.is_discard:
-                times.append(packet.dts if packet.pts is None else packet.pts)
+                packets.append((packet.dts if packet.pts is None else packet.pts, packet.size))
             if first is None:
                 first = next(iter(packet.decode()), None)
         if first is None or listed < stream.frames:
             more = f" of {stream.frames}" if stream.frames else ""
             raise _broken(path, f"it holds {listed}{more} frames")
+        times = picture_ticks(path, stream.codec_context.name, packets)
         _check_even(path, times)
         if curve := curve_of(first):
             warnings.warn(
@@ -168,9 +170,51 @@ def _facts(path: Path, changed: int, size: int) -> Video:
         return Video(width, height, len(times))
 
 
-def _check_even(path, times):
-    if None in times:
+# Most bytes of an MPEG-4 packet without a coded picture, and of one without a picture's header.
+_PLACEHOLDER, _FILLER = 19, 2
+
+
+def picture_ticks(path: Path, codec: str, packets: Sequence[tuple[int | None, int]]) -> list[int]:
+    """The tick at which each picture of a video is shown, in ascending order.
+
+    MPEG-4 packets may hold no picture. XviD's encoder writes a byte while it waits for pictures to
+    come: pictures then follow at one interval, and the last ticks are of none. A picture that is
+    not coded is the one before once more, unless an earlier packet held two: what is decoded tells.
+
+    Args:
+        path: file of the video.
+        codec: name of its decoder.
+        packets: tick and bytes of each packet.
+
+    Raises:
+        OSError: A packet has no tick, or pictures are missing for other reasons.
+    """
+    ticks = sorted(tick for tick, _ in packets if tick is not None)
+    if len(ticks) < len(packets):
         raise _broken(path, "its frames have no times")
+    if codec != "mpeg4" or min((size for _, size in packets), default=_PLACEHOLDER) > _PLACEHOLDER:
+        return ticks
+    count = _decoded_count(*_identity(path), len(packets))
+    missing = len(ticks) - count - sum(size <= _FILLER for _, size in packets)
+    # A picture that is not coded has the fewest bytes.
+    small = sorted((size, tick) for tick, size in packets if _FILLER < size <= _PLACEHOLDER)
+    if missing > len(small):
+        raise _broken(path, f"{count} of {len(ticks)} frames can be decoded")
+    repeats = {tick for _, tick in small[: max(missing, 0)]}
+    return [tick for tick in ticks if tick not in repeats][:count]
+
+
+@functools.lru_cache(maxsize=256)
+def _decoded_count(path: Path, changed: int, size: int, packets: int) -> int:
+    """How many pictures the decoder gives."""
+    progress, count = Progress(f"frames of {path.name}", packets, patience=2.0), 0
+    for count, _ in enumerate(decoded_frames(path), 1):
+        progress.report(min(count, packets - 1))
+    progress.report(packets)
+    return count
+
+
+def _check_even(path, times):
     steps = np.diff(np.sort(np.array(times, np.float64)))
     usual = float(np.median(steps)) if len(steps) else 0.0
     uneven = np.abs(steps - usual)

@@ -277,6 +277,8 @@ def epipolar_findings(placement: Placement, pairs: Sequence[EpipolarPair]) -> li
         )
         return [Finding("refuse", "epipolar lines", text, remedy)]
     if typical > DOUBTFUL_LINES * scale:
+        if placement.known:
+            text += "; compare the result without poses.calibration"
         remedy = "fit.refine=[pose,lens] may repair it; a new calibration is better."
         return [Finding("warn", "epipolar lines", text, remedy)]
     return [Finding("good", "epipolar lines", text)]

@@ -20,6 +20,7 @@ from gaussray.prepare.focal_length import (
 from gaussray.prepare.lens_check import lens_complaint
 from gaussray.prepare.lens_models import MODEL_OF_CHOICE, LensKeyValues, from_colmap
 from gaussray.prepare.missing_poses import (
+    FIRST_PAIR,
     MOSTLY_FLAT,
     flat_pairs,
     lacks_parallax,
@@ -32,8 +33,12 @@ from gaussray.runtime.progress import Progress, say
 
 # Choices of poses.model that are tried without distortion if they fail.
 _STRAIGHTENED = ("radial", "opencv")
-# Fewest pictures of a reconstruction, and fewest matches of its first pair.
-_LEAST, _FIRST_PAIR = 2, 50
+# Fewest pictures of a reconstruction.
+_LEAST = 2
+# Of two pictures alone, no third one can confirm a point: angles in degrees between the rays of the
+# first pair's points (the median), and of any point, from which on they count. COLMAP's own, 16 and
+# 1.5, are for choosing between pairs; two cameras side by side see a room at 2 to 5.
+_PAIR_ANGLE, _POINT_ANGLE = 1.5, 0.1
 
 
 def verify(database: Path, seed: int) -> None:
@@ -49,13 +54,16 @@ def verify(database: Path, seed: int) -> None:
     colmap.geometric_verification(database, two_view_geometry_options=options)
 
 
-def estimate_poses(database: Path, pictures: Path, options: PosesOptions) -> SparseModel:
+def estimate_poses(
+    database: Path, pictures: Path, options: PosesOptions, still: bool = False
+) -> SparseModel:
     """Poses, lenses and points by incremental structure from motion.
 
     Args:
         database: COLMAP database with keypoints and verified matches.
         pictures: folder of the pictures.
         options: lens model, rough field of view and seed.
+        still: whether pictures hold the features of several timestamps of a camera.
 
     Returns:
         Of several reconstructions the one with most pictures, in an arbitrary frame and scale.
@@ -80,7 +88,7 @@ def estimate_poses(database: Path, pictures: Path, options: PosesOptions) -> Spa
         held = _reconstruction(database, pictures, options, hold_focal=True)
         found = _better(_better(found, held, total), adjusted_reconstruction(held), total)
     if found is None:
-        raise PrepareError(missing_poses_reason(database))
+        raise PrepareError(missing_poses_reason(database, still))
     expected = expected_focal_lengths(database, options)
     settled, source = settled_focal_length(found, expected)
     return dataclasses.replace(sparse_model_of(settled), focal_source=source)
@@ -132,10 +140,14 @@ def _reconstruction(
     mapping.min_model_size = _LEAST
     mapping.extract_colors = False
     mapping.random_seed = options.seed
-    mapping.mapper.init_min_num_inliers = _FIRST_PAIR
+    mapping.mapper.init_min_num_inliers = FIRST_PAIR
     mapping.ba_refine_focal_length = not hold_focal
     with colmap.Database.open(database) as db:
         total = db.num_images()
+    if total == 2:
+        mapping.triangulation.ignore_two_view_tracks = False
+        mapping.mapper.init_min_tri_angle = _PAIR_ANGLE
+        mapping.mapper.filter_min_tri_angle = mapping.triangulation.min_angle = _POINT_ANGLE
     progress, tried = Progress("poses", total, patience=2.0), itertools.count(1)
     with tempfile.TemporaryDirectory() as out:
         models = colmap.incremental_mapping(

@@ -10,7 +10,7 @@ from gaussray.capture.picture_file import read_levels
 from gaussray.capture.videos import decoded_frames, frame_of, frame_path, upright
 from gaussray.dataset.images import write_image
 from gaussray.prepare.photographs import copied_photograph, copy_changed
-from gaussray.prepare.sources import Source
+from gaussray.prepare.sources import Source, check_frames
 from gaussray.prepare.timeline import Timeline
 from gaussray.runtime.progress import Progress
 
@@ -81,8 +81,10 @@ def write_matching_pictures(
 
 
 def _decode(source: Source, index: np.ndarray, folder: Path) -> list[Path]:
-    needed = set(index.tolist())
+    needed, count = set(index.tolist()), 0
     for place, frame in enumerate(decoded_frames(source.path)):
         if place in needed:
             write_image(folder / f"{place:05d}.png", upright(source.path, frame))
+        count = place + 1
+    check_frames(source, count)
     return [folder / f"{i:05d}.png" for i in index]

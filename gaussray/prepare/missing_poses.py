@@ -10,6 +10,8 @@ from gaussray.prepare.colmap import pycolmap
 # Features of a picture that shows nothing: black, out of focus, a bare wall. A poor picture of 320
 # x 240 has some hundred.
 _BARE = 30
+# Fewest verified matches of the pair with which a reconstruction begins.
+FIRST_PAIR = 50
 # Share of the pairs that a homography explains where there may be no parallax; and the observations
 # of points, as a share of the matches, below which there is none: those of a camera that only turns
 # are 0.2 % at most, those of a flat wall, seen from several places, 40 %.
@@ -19,12 +21,16 @@ MOSTLY_FLAT, _EXPLAINED = 0.9, 0.05
 def lacks_parallax(database: Path, observations: int) -> bool:
     """Whether homographies explain the pairs of pictures, and hardly any match becomes a point.
 
+    Of two pictures, for which no third one tests the points, a homography alone decides.
+
     Args:
         database: COLMAP database with verified matches.
         observations: observations of the points of its best reconstruction.
     """
+    with pycolmap().Database.open(database) as db:
+        untested = db.num_images() == 2
     share, total = flat_pairs(database)
-    return share >= MOSTLY_FLAT and observations < _EXPLAINED * total
+    return share >= MOSTLY_FLAT and (untested or observations < _EXPLAINED * total)
 
 
 def flat_pairs(database: Path) -> tuple[float, int]:
@@ -44,11 +50,12 @@ def flat_pairs(database: Path) -> tuple[float, int]:
     return float(np.mean(flat)) if flat else 0.0, total
 
 
-def missing_poses_reason(database: Path) -> str:
+def missing_poses_reason(database: Path, still: bool = False) -> str:
     """Why the pictures of a database have no poses or no points.
 
     Args:
         database: COLMAP database with features and verified matches.
+        still: whether pictures hold the features of several timestamps of a camera.
     """
     with pycolmap().Database.open(database) as db:
         images = db.read_all_images()
@@ -72,8 +79,26 @@ def missing_poses_reason(database: Path) -> str:
             "shows; turning it or zooming is not enough. Several cameras must not stand in one "
             "place."
         )
+    best = max(_verified_counts(database), default=0)
+    if best >= FIRST_PAIR:
+        return (
+            f"the pictures must tell where their cameras are, got {best} verified matches of the "
+            "best pair but no poses that explain them. Give a calibration as "
+            "poses.calibration=FILE"
+            + (", or try poses.rig=moving frames.rate=1, a pose for each timestamp" * still)
+            + ". Cameras should be 5 to 30 degrees apart, seen from what they show: closer ones "
+            "have too little parallax, and others too many wrong matches."
+        )
     return (
-        "the pictures must share enough matches to find poses, got no pair that does. Cameras "
-        "must see the same textured things from less than about 30 degrees apart: add cameras "
-        "between, or give a calibration as poses.calibration=FILE."
+        f"the pictures must share enough matches to find poses, {FIRST_PAIR} of a pair, got {best} "
+        "of the best pair that one geometry explains. Cameras must see the same textured things "
+        "from less than about 30 degrees apart: add cameras between, or give a calibration as "
+        "poses.calibration=FILE."
     )
+
+
+def _verified_counts(database: Path) -> list[int]:
+    """The number of verified matches of each pair that has a geometry."""
+    with pycolmap().Database.open(database) as db:
+        _, geometries = db.read_two_view_geometries()
+    return [len(geometry.inlier_matches) for geometry in geometries]

@@ -1,12 +1,14 @@
 """Signals of silent videos: how much of the picture changes from frame to frame."""
 
+from collections.abc import Callable
+
 import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import median_filter
 
 from gaussray.capture.videos import decoded_frames
 from gaussray.prepare.correlation import normalised_correlation
-from gaussray.prepare.sources import Source
+from gaussray.prepare.sources import Source, check_frames
 
 
 # Longer side of the pictures that are compared, in pixels.
@@ -18,11 +20,20 @@ _INDEPENDENT = 8.0
 _SLOW = 2.0
 
 
-def motion_energy(source: Source) -> Float[np.ndarray, " frames"]:
+def motion_energy(
+    source: Source, on_frame: Callable[[], None] = lambda: None
+) -> Float[np.ndarray, " frames"]:
     """Mean absolute change of grey levels from the frame before, for each frame of a video.
 
     Key frames of a codec and frames that are repeated stand out for one frame: a median over three
     frames removes them.
+
+    Args:
+        source: the video.
+        on_frame: called after each frame that is decoded.
+
+    Raises:
+        PrepareError: the video has more or fewer frames than times.
     """
     before, energy = None, []
     for frame in decoded_frames(source.path):
@@ -31,6 +42,8 @@ def motion_energy(source: Source) -> Float[np.ndarray, " frames"]:
         small = frame.reformat(*size, format="gray8").to_ndarray().astype(np.float32)
         energy.append(0.0 if before is None else float(np.abs(small - before).mean()))
         before = small
+        on_frame()
+    check_frames(source, len(energy))
     values = np.array(energy)
     values[:1] = values[1:2]
     return median_filter(values, 3, mode="nearest")

@@ -24,7 +24,7 @@ from gaussray.prepare.poses import Placement, find_poses
 from gaussray.prepare.sources import Source, find_sources
 from gaussray.prepare.stray_poses import without_strays
 from gaussray.prepare.sync import Sync, synchronise
-from gaussray.prepare.timeline import Timeline, common_timeline, resampled
+from gaussray.prepare.timeline import Timeline, common_timeline, resampled, thinned_timeline
 from gaussray.runtime.progress import say
 
 
@@ -69,8 +69,12 @@ def prepare_capture(
     out.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=out, prefix=".prepare") as work, quiet_colmap():
         placement = find_poses(sources, timeline, files, known, Path(work), options)
+        files = {name: own[:: placement.stride] for name, own in files.items()}
         placement, strays = without_strays(placement, files)
-        remarks = [*remarks, *strays]
+        # All timestamps tell how well the clocks agree.
+        clocks = findings.sync_findings(sources, sync, timeline, options.sync)
+        timeline = thinned_timeline(timeline, placement.stride)
+        remarks = [*remarks, *strays, *clocks]
         return _checked(sources, sync, timeline, files, placement, remarks, out, options)
 
 
@@ -108,7 +112,6 @@ def _checked(
     pairs = epipolar_pairs(placement, _PAIRS)
     gains = exposure_gains(placement, levels)
     found = [*remarks]
-    found += findings.sync_findings(sources, sync, timeline, options.sync)
     found += findings.camera_findings(placement)
     found += findings.lens_findings(placement) if placement.model.pictures else []
     found += findings.point_findings(placement)

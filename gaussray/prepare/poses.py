@@ -18,12 +18,17 @@ from gaussray.prepare.media import write_matching_pictures
 from gaussray.prepare.options import PrepareOptions
 from gaussray.prepare.sources import Source
 from gaussray.prepare.sparse_model import SparseModel
-from gaussray.prepare.timeline import Timeline
+from gaussray.prepare.timeline import Timeline, moving_stride, thinned_timeline
+from gaussray.runtime.progress import say
 
 
 # With known cameras, points may be so many pixels off for each 1000 pixels of width: enough to show
 # a calibration that does not fit.
 _KNOWN_ERROR = 8.0
+# Database of COLMAP with the features of all pictures, beside their folders.
+_FEATURES = "features.db"
+# Cameras that a message names.
+_NAMED = 3
 # A camera stands still if so large a share of the features that two of its timestamps share stays
 # where it is, and moves if at most so small a share does; fewer shared features tell nothing.
 _STILL, _MOVING, _TELLING = 0.5, 0.2, 30
@@ -41,6 +46,8 @@ class Placement:
         matches: verified matches by pair of files.
         still: names of the cameras that stand still.
         known: poses and lenses come from a calibration.
+        stride: of so many timestamps one is used (`moving_stride`); timestamps of `pictures` and
+            `keypoints` count those alone.
     """
 
     model: SparseModel
@@ -49,6 +56,7 @@ class Placement:
     matches: dict[tuple[str, str], Int[np.ndarray, "m 2"]]
     still: frozenset[str]
     known: bool
+    stride: int = 1
 
 
 def find_poses(
@@ -62,7 +70,8 @@ def find_poses(
     """Poses, lenses and points of the cameras.
 
     Cameras that stand still have one pose; the features of several timestamps are merged. Moving
-    cameras have a pose for each timestamp. Both may be in one capture.
+    cameras have a pose for each timestamp, of which `stride` tells how many are used. Both may be
+    in one capture.
 
     Args:
         sources: the cameras.
@@ -76,24 +85,39 @@ def find_poses(
         PrepareError: The pictures do not share enough, or demand what they cannot have.
     """
     everyone = frozenset(source.name for source in sources)
-    still = _known_still(everyone, timeline, known, options)
-    written = _write_pictures(sources, timeline, files, everyone if still is None else still,
-                              work, options)  # fmt: skip
-    database = work / "features.db"
-    _extract(database, work, written, known, options)
+    still, written = _known_still(everyone, timeline, known, options), None
     if still is None:
-        still = _still_cameras(database, written, options)
-        if still < everyone:
-            written = _write_pictures(sources, timeline, files, still, work, options)
-            database = work / "moving.db"
-            _extract(database, work, written, known, options)
+        written = _write_pictures(sources, timeline, files, everyone, work, options)
+        _extract(work, written, known, options)
+        still = _still_cameras(work / _FEATURES, written, options)
     if known is not None and still < everyone:
         raise PrepareError(
             "poses.calibration must be of cameras that stand still, got pictures that move. "
             "Leave it out to estimate poses, or set poses.rig=still if most of each picture "
             "moves before a camera that does not."
         )
-    return _placed(database, written, still, known, work, options)
+    stride = moving_stride(sources, timeline, still, options.frames)
+    if stride > 1:
+        _tell_stride(timeline, [s.name for s in sources if s.name not in still], stride)
+        timeline = thinned_timeline(timeline, stride)
+        files = {name: own[::stride] for name, own in files.items()}
+    if written is None or still < everyone:
+        # Files have other numbers than those that told which cameras stand still.
+        work = work / "placed"
+        written = _write_pictures(sources, timeline, files, still, work, options)
+        _extract(work, written, known, options)
+    placement = _placed(work, written, still, known, options)
+    return dataclasses.replace(placement, stride=stride)
+
+
+def _tell_stride(timeline: Timeline, moving: Sequence[str], stride: int) -> None:
+    total, one = len(timeline.times), len(moving) == 1
+    names = ", ".join(moving[:_NAMED]) + (" ..." if len(moving) > _NAMED else "")
+    say(
+        f"{names}: the camera{'s' * (not one)} move{'s' * one}, and every picture needs a pose of "
+        f"its own: {-(-total // stride)} of {total} timestamps are used. "
+        f"frames.rate={timeline.rate:.6g} takes them all."
+    )
 
 
 def _known_still(
@@ -136,7 +160,6 @@ def _write_pictures(
 
 
 def _extract(
-    database: Path,
     work: Path,
     written: Sequence[MatchingPicture],
     known: dict[str, KnownCamera] | None,
@@ -153,6 +176,7 @@ def _extract(
             f"{sizes}."
         )
     masks = work / MASK_FOLDER
+    database = work / _FEATURES
     features.extract_features(
         database, work, list(groups.values()), options.poses, masks if masks.is_dir() else None
     )
@@ -197,15 +221,14 @@ def _still_cameras(
 
 
 def _placed(
-    database: Path,
+    work: Path,
     written: Sequence[MatchingPicture],
     still: frozenset[str],
     known: dict[str, KnownCamera] | None,
-    work: Path,
     options: PrepareOptions,
 ) -> Placement:
     """Match, merge the timestamps of cameras that stand still, and find poses or points."""
-    seed = options.poses.seed
+    database, seed = work / _FEATURES, options.poses.seed
     features.match_features(database, features.matched_pairs(written, still), seed)
     keypoints = features.read_keypoints(database, written)
     if still:
@@ -215,7 +238,7 @@ def _placed(
         database = merged
     pictures = {picture.file: picture for picture in written if picture.file in keypoints}
     if known is None:
-        model = estimate_poses(database, work, options.poses)
+        model = estimate_poses(database, work, options.poses, len(pictures) < len(written))
     else:
         cameras = {file: known[picture.camera] for file, picture in pictures.items()}
         widest = max(camera.lens["w"] for camera in cameras.values())

@@ -10,7 +10,13 @@ from jaxtyping import Float
 
 from gaussray.capture.errors import CaptureWarning
 from gaussray.capture.side_folders import holds_other_maps
-from gaussray.capture.videos import VIDEO_SUFFIXES, open_video, upright, video_stream
+from gaussray.capture.videos import (
+    VIDEO_SUFFIXES,
+    open_video,
+    picture_ticks,
+    upright,
+    video_stream,
+)
 from gaussray.io.natural_order import natural_order
 from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.names_of_cameras import pictures_by_camera
@@ -122,6 +128,7 @@ def find_sources(folder: Path | str) -> list[Source]:
     sources = [_video(path.stem, path) for path in videos]
     # Photographs in one folder alone are of a single camera, unless their names say several.
     alone = not videos and sum(bool(_files(p, _SUFFIXES)) for p in inside) == 1
+    _check_one_video(inside)
     for inner in inside:
         sources += _inner_sources(inner, alone)
     if sources and beside:
@@ -224,27 +231,58 @@ def _unread(folder: Path) -> list[Path]:
 def _video(name: str, path: Path) -> Source:
     with open_video(path) as container:
         stream = video_stream(path, container)
-        ticks, size = [], None
+        packets, size = [], None
         for packet in container.demux(stream):
             if packet.size and not packet.is_discard and packet.pts is not None:
-                ticks.append(packet.pts)
+                packets.append((packet.pts, packet.size))
             if size is None and (frame := next(iter(packet.decode()), None)) is not None:
                 size = upright(path, frame).shape[1::-1]
-        times = np.sort(np.array(ticks, np.float64)) * float(stream.time_base)
+        ticks = picture_ticks(path, stream.codec_context.name, packets)
+        times = np.array(ticks, np.float64) * float(stream.time_base)
         sound = bool(container.streams.audio)
     if size is None or not len(times):
         raise PrepareError(f"{path}: the video must hold frames with times, got none.")
     return Source(name, path, (), times, ((size[0], size[1]),), sound)
 
 
+def check_frames(source: Source, decoded: int) -> None:
+    """Refuse a video that does not hold one picture for each of its times.
+
+    Args:
+        source: the video, with its times.
+        decoded: number of pictures that were decoded.
+    """
+    if decoded != source.count:
+        raise PrepareError(
+            f"{source.path}: the video must hold a picture for each of its {source.count} times, "
+            f"got {decoded} pictures. Encode it again: `ffmpeg -i IN -c:v libx264 OUT.mp4`."
+        )
+
+
+def _check_one_video(inside: Sequence[Path]) -> None:
+    """Refuse folders of cameras of which one holds several videos."""
+    names = {path: [p.name for p in _files(path, VIDEO_SUFFIXES)] for path in inside}
+    names = {path: own for path, own in names.items() if own}
+    several = next((path for path, own in names.items() if len(own) > 1), None)
+    if several is None:
+        return
+    common = [name for name in names[several] if all(name in own for own in names.values())]
+    if len(names) == 1:
+        remedy = f"If each is a camera, set videos={several}; else leave one of them there"
+    elif common:
+        choice = " or ".join(filter(None, [", ".join(common[:-1]), common[-1]]))
+        remedy = f"Leave {choice} alone in each folder, whichever shows the scene"
+    else:
+        remedy = "Leave one of them, that shows the scene, in each folder"
+    raise PrepareError(
+        f"{several}: the folder of a camera must hold one video, got {', '.join(names[several])}. "
+        f"{remedy}, and move the others out of the input."
+    )
+
+
 def _inner_sources(inner: Path, alone: bool) -> list[Source]:
     """The cameras of a subfolder: one, or several if it is alone and its pictures' names say so."""
     videos, pictures = _files(inner, VIDEO_SUFFIXES), _files(inner, PHOTOGRAPH_SUFFIXES)
-    if len(videos) > 1:
-        raise PrepareError(
-            f"{inner}: the folder of a camera must hold one video, got {len(videos)}. Give "
-            "each camera a folder of its own, or name the folder of the videos."
-        )
     if videos:
         return [_video(inner.name, videos[0])]
     return _photographs(inner, pictures) if alone else _camera(inner.name, inner, pictures)

@@ -1,6 +1,7 @@
 """One clock for all cameras: the offset of each, with its confidence."""
 
 import dataclasses
+import itertools
 from collections.abc import Sequence
 from itertools import combinations
 from typing import NamedTuple
@@ -15,6 +16,7 @@ from gaussray.prepare.motion import MOTION_RATE, motion_energy, motion_scores, m
 from gaussray.prepare.options import SyncOptions
 from gaussray.prepare.sound import read_sound, sound_delay
 from gaussray.prepare.sources import Source
+from gaussray.runtime.progress import Progress
 
 
 # Cameras are compared with so many of their neighbours in the list, not with all.
@@ -209,7 +211,12 @@ def _sound_delays(videos: Sequence[Source], options: SyncOptions) -> list[tuple[
 
 def _by_motion(videos: Sequence[Source], options: SyncOptions) -> Estimate:
     """Signals begin at each video's first frame; the offsets of the clocks are counted from it."""
-    signals = [motion_signal(source.times, motion_energy(source)) for source in videos]
+    done, total = itertools.count(1), sum(source.count for source in videos)
+    progress = Progress("synchronising", total, patience=2.0)
+    signals = [
+        motion_signal(source.times, motion_energy(source, lambda: progress.report(next(done))))
+        for source in videos
+    ]
     most, count = round(options.longest * MOTION_RATE), len(videos)
     curves = {
         (i, j): motion_scores(signals[i], signals[j], most)

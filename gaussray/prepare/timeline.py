@@ -1,7 +1,7 @@
 """The common timestamps of all cameras, and the frame that each camera shows at each of them."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -14,7 +14,8 @@ from gaussray.prepare.sync import Sync
 
 # Timestamps per second of folders of pictures, which have no clock.
 PICTURE_RATE = 30.0
-# Pictures of a video that is alone, at most: of hundreds more, poses take hours and gain nothing.
+# Pictures of videos of cameras that move, at most: of hundreds more, poses take hours and gain
+# nothing.
 MOST_OF_ONE = 200
 # Rates that differ by less than this share are equal.
 _SAME = 2e-3
@@ -103,6 +104,42 @@ def _stride(sources: Sequence[Source], rate: float, options: FramesOptions) -> i
     if options.span:
         count = min(count, int((options.span[1] - options.span[0]) * rate) + 1)
     return -(-count // MOST_OF_ONE)
+
+
+def moving_stride(
+    sources: Sequence[Source], timeline: Timeline, still: Collection[str], options: FramesOptions
+) -> int:
+    """Of so many timestamps one is used, so that the pictures of all cameras that move, each of
+    which needs a pose, are at most MOST_OF_ONE; 1 if `frames.rate` is given.
+
+    Folders of pictures are what the user has chosen: they count only beside videos that move.
+
+    Args:
+        sources: cameras of the input.
+        timeline: their timestamps.
+        still: names of the cameras that stand still.
+        options: the rate that the user has chosen, 0 for none.
+    """
+    moving = [source for source in sources if source.name not in still]
+    if options.rate or not any(source.is_video for source in moving):
+        return 1
+    most = max(MOST_OF_ONE // len(moving), 1)
+    return -(-len(timeline.times) // most)
+
+
+def thinned_timeline(timeline: Timeline, stride: int) -> Timeline:
+    """Each k-th timestamp, with the frames and shifts of all cameras at it.
+
+    Args:
+        timeline: all timestamps.
+        stride: k.
+    """
+    return Timeline(
+        timeline.rate / stride,
+        timeline.times[::stride],
+        {name: frames[::stride] for name, frames in timeline.frames.items()},
+        {name: shifts[::stride] for name, shifts in timeline.shifts.items()},
+    )
 
 
 def of_one_rate(sources: Sequence[Source]) -> bool:

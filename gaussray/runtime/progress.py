@@ -88,11 +88,11 @@ def plain_warnings() -> Iterator[None]:
     """Within the block, a warning is one line on stderr: its text, without file and source line.
 
     Of warnings that differ in numbers, names in quotes and paths alone, the first one is shown at
-    once, and how many others there were when the block ends. The same text again, of a capture
-    that is opened once more, is not shown.
+    once, and how many others there were, with the last one, when the block ends. The same text
+    again, of a capture that is opened once more, is not shown.
     """
     counts: dict[str, int] = {}
-    first: dict[str, str] = {}
+    last: dict[str, str] = {}
     told: set[str] = set()
 
     def show(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
@@ -102,8 +102,8 @@ def plain_warnings() -> Iterator[None]:
         told.add(text)
         kind = f"{category.__name__} {_VARIABLE.sub('*', text)}"
         counts[kind] = counts.get(kind, 0) + 1
+        last[kind] = text
         if counts[kind] == 1:
-            first[kind] = text
             _warn(text)
 
     before, warnings.showwarning = warnings.showwarning, show
@@ -113,7 +113,7 @@ def plain_warnings() -> Iterator[None]:
         warnings.showwarning = before
         for kind, count in counts.items():
             if count > 1:
-                _warn(f"{count - 1} more like this: {first[kind]}")
+                _warn(f"{count - 1} more like this, the last: {last[kind]}")
 
 
 def _warn(text: str) -> None:

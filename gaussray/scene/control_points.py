@@ -82,7 +82,7 @@ def skinned(
 def register_skinning_code() -> None:
     """Make the forward pass known to XLA on a CPU, for programs from an earlier process."""
     if runs_machine_code():
-        _machine_code().register_forward()
+        _machine_code().register_blend()
 
 
 def _machine_code():

@@ -296,7 +296,7 @@ def _backward(argument):
     return 0
 
 
-def register_forward() -> None:
+def register_plane_samples() -> None:
     """Make the forward pass known to XLA (`register`)."""
     register(_FORWARD, _forward)
 
@@ -313,7 +313,7 @@ def forward_on_cpu(
         line: the lines of x, y, z.
         unit: positions, in the unit cube.
     """
-    register_forward()
+    register_plane_samples()
     out = jax.ShapeDtypeStruct((unit.shape[0], line.shape[-1]), unit.dtype)
     call = jax.ffi.ffi_call(_FORWARD, out, vmap_method="sequential")
     return call(space, line, unit, _sizes(line, unit, 0, False))

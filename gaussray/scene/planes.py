@@ -133,7 +133,7 @@ def plane_product(
 def register_plane_code() -> None:
     """Make the forward pass known to XLA on a CPU, for programs from an earlier process."""
     if runs_machine_code():
-        _machine_code().register_forward()
+        _machine_code().register_plane_samples()
 
 
 def _machine_code():

@@ -220,7 +220,7 @@ def _backward(argument):
     return 0
 
 
-def register_forward() -> None:
+def register_blend() -> None:
     """Make the forward pass known to XLA (`register`)."""
     register(_FORWARD, _forward)
 
@@ -239,7 +239,7 @@ def blended_on_cpu(
         position: centres of the Gaussians.
         table: what is blended.
     """
-    register_forward()
+    register_blend()
     shape = position.shape[0], table.shape[1]
     out = jax.ShapeDtypeStruct(shape, position.dtype)
     call = jax.ffi.ffi_call(_FORWARD, out, vmap_method="sequential")

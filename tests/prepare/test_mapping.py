@@ -6,6 +6,7 @@ from reconstructions import FOCAL, around, reconstruction
 
 from gaussray.prepare import mapping
 from gaussray.prepare.errors import PrepareError
+from gaussray.prepare.missing_poses import missing_poses_reason
 from gaussray.prepare.options import PosesOptions
 
 
@@ -95,3 +96,57 @@ def test_cameras_without_distortion_keep_the_rest(database):
         (camera,) = db.read_all_cameras()
     assert camera.model.name == "SIMPLE_PINHOLE"
     assert np.allclose(camera.params, [FOCAL, 160, 120])
+
+
+def pair(path, matches, homography=False):
+    """A database of two pictures, of which one geometry explains so many matches."""
+    rows = np.repeat(np.arange(matches, dtype=np.uint32)[:, None], 2, axis=1)
+    kinds = colmap.TwoViewGeometryConfiguration
+    with colmap.Database.open(path) as db:
+        number = db.write_camera(
+            colmap.Camera(model="SIMPLE_PINHOLE", width=320, height=240, params=[FOCAL, 160, 120])
+        )
+        images = [
+            db.write_image(colmap.Image(name=f"{k}.png", camera_id=number), False) for k in (1, 2)
+        ]
+        for image in images:
+            db.write_keypoints(image, np.random.default_rng(image).uniform(0, 200, (100, 2)))
+        geometry = colmap.TwoViewGeometry()
+        geometry.config = kinds.PLANAR_OR_PANORAMIC if homography else kinds.UNCALIBRATED
+        geometry.inlier_matches = rows
+        db.write_two_view_geometry(*images, geometry)
+    return path
+
+
+@pytest.mark.parametrize("still", [False, True])
+def test_matches_that_give_no_poses_are_counted_and_remedies_named(tmp_path, still):
+    reason = missing_poses_reason(pair(tmp_path / "a.db", 80), still)
+    assert "got 80 verified matches" in reason and "poses.calibration=FILE" in reason
+    assert ("poses.rig=moving frames.rate=1" in reason) == still
+    reason = missing_poses_reason(pair(tmp_path / "b.db", 20), still)
+    assert "50 of a pair, got 20" in reason and "add cameras between" in reason
+
+
+def test_of_two_pictures_a_homography_alone_tells_that_there_is_no_parallax(tmp_path):
+    """Whatever becomes a point of it: no third picture tests that."""
+    assert mapping.lacks_parallax(pair(tmp_path / "a.db", 80, homography=True), 160)
+    assert not mapping.lacks_parallax(pair(tmp_path / "b.db", 80), 160)
+
+
+def test_two_pictures_alone_make_points_and_others_need_a_third(tmp_path, database, monkeypatch):
+    asked = []
+
+    def incremental(database, pictures, out, options, **_):
+        asked.append(options)
+        return {}
+
+    monkeypatch.setattr(colmap, "incremental_mapping", incremental)
+    for path in (database, pair(tmp_path / "two.db", 80)):
+        assert mapping._reconstruction(path, tmp_path, PosesOptions()) is None
+    usual, (many, two) = colmap.IncrementalPipelineOptions(), asked
+    assert many.triangulation.ignore_two_view_tracks
+    assert many.mapper.init_min_tri_angle == usual.mapper.init_min_tri_angle
+    assert many.mapper.filter_min_tri_angle == usual.mapper.filter_min_tri_angle
+    assert many.triangulation.min_angle == usual.triangulation.min_angle
+    assert not two.triangulation.ignore_two_view_tracks
+    assert two.mapper.init_min_tri_angle < 2

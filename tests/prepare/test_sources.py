@@ -1,5 +1,6 @@
 """The cameras of an input folder."""
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from gaussray.capture.errors import CaptureWarning
 from gaussray.dataset.images import write_image
 from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.masks import mask_of
+from gaussray.prepare.motion import motion_energy
 from gaussray.prepare.names_of_cameras import camera_in_name, pictures_by_camera
 from gaussray.prepare.sources import find_sources
 
@@ -196,3 +198,38 @@ def test_two_cameras_of_one_name_are_refused(tmp_path):
     write_video(tmp_path / "a.mkv", [BLACK] * 3)
     with pytest.raises(PrepareError, match="got a twice"):
         find_sources(tmp_path)
+
+
+def test_several_videos_in_a_folder_of_a_camera_are_listed_with_the_choice(tmp_path):
+    write_video(tmp_path / "any.mp4", [BLACK] * 3)
+    data = (tmp_path / "any.mp4").read_bytes()
+    (tmp_path / "any.mp4").unlink()
+
+    def put(*names):
+        for name in names:
+            (tmp_path / name).parent.mkdir(exist_ok=True)
+            (tmp_path / name).write_bytes(data)
+
+    put("c1/video.mp4", "c1/board.mp4")
+    with pytest.raises(PrepareError, match=r"board.mp4, video.mp4. If each is a camera, set vid"):
+        find_sources(tmp_path)
+    put("c2/video.mp4")
+    with pytest.raises(PrepareError, match="c1: .*got board.mp4, video.mp4. Leave video.mp4 alone"):
+        find_sources(tmp_path)
+    put("c2/board.mp4")
+    with pytest.raises(PrepareError, match="Leave board.mp4 or video.mp4 alone in each folder"):
+        find_sources(tmp_path)
+    put("c3/other.mp4")
+    with pytest.raises(PrepareError, match="Leave one of them, that shows the scene, in each"):
+        find_sources(tmp_path)
+    for name in ("c1/board.mp4", "c2/board.mp4"):
+        (tmp_path / name).unlink()
+    assert [source.name for source in find_sources(tmp_path)] == ["c1", "c2", "c3"]
+
+
+def test_a_video_with_fewer_pictures_than_times_is_refused_in_words(tmp_path):
+    write_video(tmp_path / "a.mp4", [BLACK] * 4)
+    (source,) = find_sources(tmp_path)
+    longer = dataclasses.replace(source, times=np.arange(5) / 30)
+    with pytest.raises(PrepareError, match=r"a.mp4: .* its 5 times, got 4 pictures. Encode it"):
+        motion_energy(longer)

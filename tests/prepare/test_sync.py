@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from quads import RATE, arc, mover_at, picture, write_video
+from quads import RATE, arc, mover_at, picture, textures, write_video
 
+from gaussray.prepare import sync
 from gaussray.prepare.consensus import consensus
 from gaussray.prepare.correlation import Delay, confidence, parabola_peak
 from gaussray.prepare.errors import PrepareError
@@ -174,3 +175,20 @@ def test_videos_of_a_frame_or_two_start_together(tmp_path, count):
     found = synchronise(find_sources(tmp_path), SyncOptions())
     assert found.offsets == {"a": 0.0, "b": 0.0}
     assert found.method == ("none" if count == 1 else "motion")
+
+
+def test_progress_is_told_while_videos_are_compared_by_motion(tmp_path, monkeypatch):
+    reports = []
+
+    class Recorder:
+        def __init__(self, name, total, patience):
+            reports.append((name, total))
+
+        def report(self, done):
+            reports.append(done)
+
+    monkeypatch.setattr(sync, "Progress", Recorder)
+    for name in "ab":
+        write_video(tmp_path / f"{name}.mp4", [picture(arc(1)[0], textures(), size=SMALL)] * 4)
+    synchronise(find_sources(tmp_path), SyncOptions(method="motion"))
+    assert reports == [("synchronising", 8), *range(1, 9)]

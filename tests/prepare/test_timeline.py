@@ -10,7 +10,14 @@ from gaussray.prepare.findings import sync_findings
 from gaussray.prepare.options import FramesOptions, SyncOptions
 from gaussray.prepare.sources import Source
 from gaussray.prepare.sync import Sync
-from gaussray.prepare.timeline import MOST_OF_ONE, common_timeline, of_one_rate, resampled
+from gaussray.prepare.timeline import (
+    MOST_OF_ONE,
+    common_timeline,
+    moving_stride,
+    of_one_rate,
+    resampled,
+    thinned_timeline,
+)
 
 
 def video(name, rate, count):
@@ -73,6 +80,33 @@ def test_of_a_long_video_that_is_alone_each_kth_frame_is_used(count, span, used)
     # That is no reason to doubt it.
     found = sync_findings([video("a", 30, count)], sync(a=0.0), line, SyncOptions())
     assert not any(one.level == "warn" for one in found)
+
+
+@pytest.mark.parametrize(
+    ("cameras", "still", "rate", "stride"),
+    [(2, "", 0.0, 4), (2, "", 30.0, 1), (2, "a", 0.0, 2), (2, "ab", 0.0, 1), (3, "", 0.0, 5)],
+)
+def test_the_pictures_of_cameras_that_move_are_limited_together(cameras, still, rate, stride):
+    sources = [video(name, 30, 312) for name in "abc"[:cameras]]
+    offsets = sync(**{source.name: 0.0 for source in sources})
+    options = FramesOptions(rate=rate)
+    line = common_timeline(sources, offsets, options)
+    assert moving_stride(sources, line, set(still), options) == stride
+    thin = thinned_timeline(line, stride)
+    assert thin.times == pytest.approx(np.arange(len(thin.times)) * stride / 30)
+    assert thin.rate == pytest.approx(30 / stride)
+    for source in sources:
+        frames = thin.frames[source.name]
+        assert source.times[frames] - thin.shifts[source.name] == pytest.approx(thin.times)
+    moving = cameras - len(still)
+    assert rate or len(thin.times) * moving <= MOST_OF_ONE
+
+
+def test_pictures_that_the_user_has_chosen_are_all_used():
+    pictures = tuple(pathlib.Path(f"{i}.png") for i in range(300))
+    folders = [Source(n, pathlib.Path(n), pictures, np.zeros(0), ((64, 48),)) for n in "ab"]
+    line = common_timeline(folders, sync(a=0.0, b=0.0), FramesOptions())
+    assert moving_stride(folders, line, set(), FramesOptions()) == 1
 
 
 def test_videos_that_share_no_time_are_refused():

@@ -156,7 +156,7 @@ def test_warnings_of_one_kind_are_a_line_and_a_count_without_their_source(capsys
     assert capsys.readouterr().err.splitlines() == [
         "gaussray: warning: images/0.png: 1 pixels are black",
         "gaussray: warning: another text",
-        "gaussray: warning: 2 more like this: images/0.png: 1 pixels are black",
+        "gaussray: warning: 2 more like this, the last: images/2.png: 3 pixels are black",
     ]
     assert warnings.showwarning is before
 

@@ -138,6 +138,7 @@ def refuse_storage(where: Path, text: str) -> None:
         raise PrepareError(
             f"{where}: must not be a file of OpenCV's FileStorage, in which each program chooses "
             "other keys. Write its cameras to a .toml with a table for each, [cam_0], that has "
-            "matrix, distortions, size, rotation and translation, or as EasyMocap's pair "
-            "intri.yml and extri.yml."
+            "matrix, distortions, size, rotation and translation (OpenCV's rotation vector and "
+            "translation, world to camera; five distortion coefficients k1 k2 p1 p2 k3), or as "
+            "EasyMocap's pair intri.yml and extri.yml."
         )

@@ -1,5 +1,6 @@
 """Reads a calibration of any known kind."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -17,6 +18,11 @@ from gaussray.prepare.calibrations.panoptic import is_panoptic, panoptic_cameras
 from gaussray.prepare.calibrations.pose2sim import read_toml
 from gaussray.prepare.calibrations.qualisys import read_qualisys
 from gaussray.prepare.errors import PrepareError
+
+
+# Bytes of one of OpenCV's XML files in which its matrices are sought, and a camera's matrix there.
+_HEAD = 1 << 16
+_SQUARE = re.compile(rb"<rows>\s*3\s*</rows>\s*<cols>\s*3\s*</cols>")
 
 
 def read_calibration(path: Path | str) -> Calibration:
@@ -38,7 +44,7 @@ def read_calibration(path: Path | str) -> Calibration:
         if pair is not None and not any(p.suffix.lower() == ".toml" for p in inside):
             return Calibration(read_easymocap(*pair))
         # Caliscope keeps other files beside its own, and OpenCV's samples their chessboard.
-        inside = [p for p in inside if not _is_storage(p)] or inside
+        inside = [p for p in inside if not _is_storage(p)] or _likely_storage(path)
         inside = [p for p in inside if p.name == "camera_array.toml"] or inside
         if len(inside) != 1:
             names = ", ".join(p.name for p in inside[:9]) or "none"
@@ -74,6 +80,21 @@ def _is_storage(path: Path) -> bool:
         return False
     with path.open("rb") as file:
         return b"<opencv_storage" in file.read(1000)
+
+
+def _likely_storage(folder: Path) -> list[Path]:
+    """That of OpenCV's XML files in a folder and its subfolders which is most likely of a camera;
+    empty if there are none. It stands for the others in the message that refuses them."""
+    found = [*sorted(folder.glob("*.xml")), *sorted(folder.glob("*/*.xml"))]
+    best = max(filter(_is_storage, found), key=_matrix_counts, default=None)
+    return [] if best is None else [best]
+
+
+def _matrix_counts(path: Path) -> tuple[int, int]:
+    """Matrices in one of OpenCV's XML files: of 3 x 3 numbers, as cameras have, and of all."""
+    with path.open("rb") as file:
+        text = file.read(_HEAD)
+    return len(_SQUARE.findall(text)), text.count(b"<rows>")
 
 
 def _reader(path: Path) -> Callable[[Path], list[KnownCamera] | Calibration] | None:
