@@ -18,7 +18,7 @@ ANY_KEYWORD = {
     ("runtime/jit_cache.py", "hear"),
     ("runtime/progress.py", "show"),
     ("runtime/lock.py", "locked"),
-    ("runtime/program_cache.py", "looped"),
+    ("runtime/program_cache.py", "called"),
 }
 
 

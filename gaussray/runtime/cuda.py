@@ -5,7 +5,7 @@ import functools
 import glob
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import jax
@@ -45,7 +45,7 @@ def _nvrtc() -> ctypes.CDLL | None:
     return None
 
 
-def ptx(source: Path, macros: dict[str, int | float]) -> str:
+def ptx(source: Path, macros: Mapping[str, int | float]) -> str:
     """The PTX of a CUDA C++ file, for the default device.
 
     Args:

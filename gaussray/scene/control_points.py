@@ -100,10 +100,10 @@ def _blend(pivot: Array, radius: Array, position: Array, table: Array) -> Array:
     return _machine_code().blended_on_cpu(pivot, radius, position, table)
 
 
-def _blend_saved(*primals):
+def _blend_saved(pivot, radius, position, table):
     # The structure tells whether weights have a gradient, as values would be traced.
-    weighs = () if any(x.perturbed for x in primals[:3]) else None
-    arrays = [x.value for x in primals]
+    weighs = () if any(x.perturbed for x in (pivot, radius, position)) else None
+    arrays = pivot.value, radius.value, position.value, table.value
     return _blend(*arrays), (arrays, weighs)
 
 
@@ -113,7 +113,8 @@ def _blend_backward(saved, g):
         return None, None, None, None
     if weighs is not None:
         return jax.vjp(_array_blend, *arrays)[1](g)
-    return None, None, None, _machine_code().table_gradient_on_cpu(*arrays[:3], g)
+    pivot, radius, position, _ = arrays
+    return None, None, None, _machine_code().table_gradient_on_cpu(pivot, radius, position, g)
 
 
 _native_blend = jax.custom_vjp(_blend)

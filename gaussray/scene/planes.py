@@ -157,12 +157,11 @@ def _forward_saved(space, line, unit):
 
 
 def _backward(saved, g):
-    arrays, moves = saved
+    (space, line, unit), moves = saved
     if isinstance(g, SymbolicZero):
         return None, None, None
-    if has_cuda():
-        return backward_on_gpu(*arrays, g, moves=moves is not None)
-    return _machine_code().backward_on_cpu(*arrays, g, moves=moves is not None)
+    back = backward_on_gpu if has_cuda() else _machine_code().backward_on_cpu
+    return back(space, line, unit, g, moves=moves is not None)
 
 
 _native_product = jax.custom_vjp(_forward)
