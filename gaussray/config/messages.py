@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from hydra.errors import HydraException
 from omegaconf.errors import OmegaConfBaseException
 
-from gaussray.config.schema import RENAMED, choices, groups, keys, todays_word
+from gaussray.config.schema import RENAMED, choices, commands, groups, keys, todays_word
 from gaussray.config.suggest import did_you_mean
 
 
@@ -89,4 +89,6 @@ def _problem_of(command: str, word: str) -> str:
     if name in candidates or any(key.startswith(f"{name}.") for key in candidates):
         return ""
     name = name[:_SHOWN]
-    return f"{name} is no key of `gaussray {command}`.{did_you_mean(name, candidates)}"
+    others = [f"`{other}`" for other in commands() if name in {**keys(other), **groups(other)}]
+    hint = f" It is one of {', '.join(others)}." if others else did_you_mean(name, candidates)
+    return f"{name} is no key of `gaussray {command}`.{hint}"

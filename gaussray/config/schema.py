@@ -55,6 +55,11 @@ def conf_folder() -> Path:
     return inside if inside.is_dir() else source_folder
 
 
+def commands() -> list[str]:
+    """The commands that have keys."""
+    return sorted(path.stem for path in conf_folder().glob("*.yaml"))
+
+
 @functools.cache
 def groups(command: str) -> dict[str, str]:
     """The groups of a command, each with its default choice."""

@@ -166,6 +166,10 @@ def test_an_unknown_command(fails):
     [
         (["apertur.radius=1"], "apertur.radius is no key of `gaussray render`"),
         (["apertur.radius=1"], "Did you mean aperture.radius?"),
+        (
+            ["capture.path=x"],
+            "capture.path is no key of `gaussray render`. It is one of `calibrate`, ",
+        ),
         (["aperture.focus_distanc=1"], "Did you mean aperture.focus_distance?"),
         (["+shutter.exposur=1"], "shutter.exposur is unknown"),
         (["+shutter.exposur=1"], "Did you mean exposure?"),
