@@ -33,7 +33,13 @@ from gaussray.tracer.composite import Pixels
 from gaussray.tracer.motion import scene_motion
 from gaussray.tracer.options import TraceOptions, on_cpu_kernel, on_kernel
 from gaussray.tracer.prepare import Prepared, prepare
-from gaussray.tracer.trace import Report, find_candidates, march_function, march_lists
+from gaussray.tracer.trace import (
+    Report,
+    find_candidates,
+    make_lists_known,
+    march_function,
+    march_lists,
+)
 from gaussray.tracer.traverse import Candidates, Capacity
 
 
@@ -220,7 +226,8 @@ def lists_program(
     def run(scene: Prepared, rays: Rays) -> tuple[Candidates, Array]:
         return find_candidates(scene, rays, options=trace, capacity=capacity)
 
-    return on_devices(run, mesh, (trace, capacity), quick=quick)
+    needs = functools.partial(make_lists_known, trace, jnp.float32)
+    return on_devices(run, mesh, (trace, capacity), quick=quick, needs=needs)
 
 
 @ProgramCache(12)

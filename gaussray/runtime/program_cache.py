@@ -1,6 +1,7 @@
 """A bounded cache of compiled programs, which releases the memory of those that it forgets."""
 
 import functools
+import os
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
@@ -35,7 +36,9 @@ def step_compiler() -> dict[str, Any] | None:
     multiplied without `TRITON`.
     """
     on_cpu = jax.default_backend() == "cpu"
-    options = {"xla_cpu_experimental_ynn_fusion_type": ""} if on_cpu else {TRITON: False}
+    options: dict[str, Any] = {"xla_cpu_experimental_ynn_fusion_type": ""}
+    if not on_cpu:
+        options = {} if TRITON in os.environ.get("XLA_FLAGS", "") else {TRITON: False}
     try:
         jax.jit(lambda x: x, compiler_options=options).lower(0.0).compile()
     except jax.errors.JaxRuntimeError:

@@ -74,7 +74,9 @@ def skinned(
         table: a row for each control point.
     """
     single = all(x.dtype == jnp.float32 for x in (pivot, radius, position, table))
-    if single and position.shape[0] and runs_machine_code():
+    # Machine code does not look whether arrays fit; for one Gaussian see `planes.plane_product`.
+    fits = len(table) == len(pivot) > 0 and radius.shape == pivot.shape[:1]
+    if single and fits and len(position) > 1 and runs_machine_code():
         return _native_blend(pivot, radius, position, table)
     return _array_blend(pivot, radius, position, table)
 

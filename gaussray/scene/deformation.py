@@ -27,8 +27,10 @@ from gaussray.scene.planes import Planes, features, register_plane_code
 STRETCH = 0.3
 # Largest change of the logarithm of the colour: from sun to deep shade.
 CONTRAST = 3.0
-# Gaussians of a piece of the gradient of a matrix on a GPU, and of the network on a CPU.
-_PIECE, _BLOCK = 512, 1024
+# Gaussians of a piece of the gradient of a matrix on a GPU.
+_GRADIENT_PIECE = 512
+# Gaussians for which a CPU computes the network at a time.
+_NETWORK_BLOCK = 1024
 # The fields of a `Deformation` that are output heads of its network; each may be None.
 HEADS = ("mean", "rotation", "scale", "tint")
 
@@ -68,11 +70,12 @@ class Layer(eqx.Module):
     bias: Float[Array, " outputs"]
 
     def __call__(self, x: Float[Array, "gaussians inputs"]) -> Float[Array, "gaussians outputs"]:
-        return _matrix_product(x, self.weight) + self.bias[None]
+        on_cpu = jax.default_backend() == "cpu"
+        multiply_all = _plain_product if on_cpu else _matrix_product
+        return multiply_all(x, self.weight) + self.bias[None]
 
 
-@jax.custom_vjp
-def _matrix_product(x: Array, weight: Array) -> Array:
+def _plain_product(x: Array, weight: Array) -> Array:
     return product("ni,io->no", x, weight)
 
 
@@ -81,20 +84,21 @@ def _matrix_product_backward(saved, g):
     return product("no,io->ni", g, weight), _sum_of_outer_products(x, g)
 
 
+_matrix_product = jax.custom_vjp(_plain_product)
 _matrix_product.defvjp(
-    lambda x, weight: (product("ni,io->no", x, weight), (x, weight)), _matrix_product_backward
+    lambda x, weight: (_plain_product(x, weight), (x, weight)), _matrix_product_backward
 )
 
 
 def _sum_of_outer_products(x: Array, g: Array) -> Array:
-    """x^T g. On a GPU in pieces that are then added: NVIDIA's library gives the few numbers of the
-    result to a few blocks, each of which would go through all Gaussians."""
-    if jax.default_backend() == "cpu" or len(x) <= _PIECE:
-        return product("ni,no->io", x, g)
-    x, g = (
-        jnp.pad(v, ((0, -len(v) % _PIECE), (0, 0))).reshape(-1, _PIECE, v.shape[1]) for v in (x, g)
-    )
-    return jnp.sum(product("pni,pno->pio", x, g), axis=0)
+    """x^T g, in pieces that are then added: NVIDIA's library gives the few numbers of the result to
+    a few blocks, each of which would go through all Gaussians."""
+    return jnp.sum(product("pni,pno->pio", *(_pieces(v, _GRADIENT_PIECE) for v in (x, g))), axis=0)
+
+
+def _pieces(rows: Array, size: int) -> Array:
+    """Rows in pieces of a size, with rows of zeros at the end."""
+    return jnp.pad(rows, ((0, -len(rows) % size), (0, 0))).reshape(-1, size, rows.shape[1])
 
 
 class Deformation(eqx.Module):
@@ -264,10 +268,9 @@ def _residuals(
     def network(x: Array) -> Array:
         return head_output((inner, outer), deformation.trunk(x))
 
-    count, block = len(inputs), _BLOCK
+    count, block = len(inputs), _NETWORK_BLOCK
     if jax.default_backend() == "cpu" and count > block:
-        blocks = jnp.pad(inputs, ((0, -count % block), (0, 0))).reshape(-1, block, inputs.shape[1])
-        found = jax.lax.map(network, blocks).reshape(-1, len(outer.bias))[:count]
+        found = jax.lax.map(network, _pieces(inputs, block)).reshape(-1, len(outer.bias))[:count]
     else:
         found = network(inputs)
     ends = np.cumsum([len(layer.bias) for layer in last])[:-1]

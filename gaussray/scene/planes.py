@@ -110,7 +110,7 @@ def features(
 
 def plane_product(
     space: Float[Array, "3 side side channels"],
-    line: Float[Array, "3 side channels"],
+    line: Float[Array, "3 knots channels"],
     unit: Float[Array, "gaussians 3"],
 ) -> Float[Array, "gaussians channels"]:
     """Products of bilinear samples of three planes and linear samples of three lines.
@@ -123,8 +123,12 @@ def plane_product(
         line: the lines of x, y, z.
         unit: positions, in the unit cube.
     """
-    kinds = {space.dtype, line.dtype, unit.dtype}
-    native = kinds == {jnp.dtype(jnp.float32)} and line.shape[1] > 1 and unit.shape[0] > 0
+    side, channels = line.shape[1:]
+    single = all(x.dtype == jnp.float32 for x in (space, line, unit))
+    # Machine code does not look whether arrays fit, and a call for one Gaussian, which `vmap`
+    # repeats for each pixel of a label, takes longer than arrays for all of them.
+    fits = space.shape == (3, side, side, channels) and side > 1 and space.size < 2**31
+    native = single and fits and len(line) == 3 and len(unit) > 1
     if native and (has_cuda() or runs_machine_code()):
         return _native_product(space, line, unit)
     return _array_product(space, line, unit)

@@ -55,7 +55,8 @@ _P0, _P1, _P2, _P3, _P4, _P5, _P6, _P7 = (
 
 
 class _Points(NamedTuple):
-    """Coordinates of the control points, 1 / (2 radius^2), and room for weights, each padded."""
+    """Coordinates of the control points, 1 / (2 radius^2), and room for weights, each padded; and
+    room for the largest exponent of each lane."""
 
     x: Any
     y: Any

@@ -207,6 +207,17 @@ def march_function(options: TraceOptions, dtype: DTypeLike) -> Callable:
     return marching.march_on_cpu
 
 
+def make_lists_known(options: TraceOptions, dtype: DTypeLike) -> None:
+    """Make known to XLA what finds lists in programs from an earlier process.
+
+    Args:
+        options: how to trace.
+        dtype: precision of the rays.
+    """
+    if on_cpu_kernel(options, dtype):
+        _machine_code().lists.register_lists()
+
+
 def ray_lanes(motion: Motion, bundled: Rays) -> Lanes:
     """Bundles of rays with their components first, with weights of the motion's control points.
 

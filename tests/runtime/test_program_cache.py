@@ -3,7 +3,7 @@
 import jax
 import jax.numpy as jnp
 
-from gaussray.runtime.program_cache import ProgramCache, step_compiler
+from gaussray.runtime.program_cache import TRITON, ProgramCache, step_compiler
 
 
 def test_sums_over_few_numbers_are_not_left_to_a_library():
@@ -11,6 +11,13 @@ def test_sums_over_few_numbers_are_not_left_to_a_library():
     program = squared.lower(jnp.ones((50_000, 3), jnp.float32)).compile()
     assert "ynn" not in (program.as_text() or "")
     assert jnp.all(squared(jnp.ones((50_000, 3), jnp.float32)) == 3)
+
+
+def test_a_user_may_want_triton(monkeypatch):
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    for flags, expected in (("", {TRITON: False}), (f"--{TRITON}=true", {})):
+        monkeypatch.setenv("XLA_FLAGS", flags)
+        assert step_compiler.__wrapped__() == expected
 
 
 def test_a_program_is_made_once_and_the_one_used_longest_ago_is_forgotten():

@@ -131,6 +131,16 @@ def test_derivatives_agree_with_differences(bodies, control):
     check_grads(state, (bodies, 0.37, field.mean[1].bias), order=1, modes=["rev"], eps=1e-6)
 
 
+def test_forward_mode_equals_reverse_mode_in_double_precision(bodies):
+    field = moved_field(None)
+
+    def middle(time):
+        return jnp.sum(deform(bodies, field, time).mean)
+
+    time = jnp.asarray(0.37)
+    np.testing.assert_allclose(jax.jvp(middle, (time,), (1.0,))[1], jax.grad(middle)(time))
+
+
 @pytest.mark.parametrize("control", [None, toy.control_points()])
 def test_what_is_held_moves_rigidly_for_derivatives(bodies, control):
     bodies = jax.tree.map(lambda x: jnp.asarray(x, float), bodies)

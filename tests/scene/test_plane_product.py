@@ -93,6 +93,13 @@ def test_a_position_that_is_not_a_number_spoils_its_own_products_alone(device):
     np.testing.assert_array_equal(np.delete(found, 7, 0), np.delete(whole, 7, 0))
 
 
+@pytest.mark.parametrize("side", [3, 9])
+def test_lines_of_another_side_are_left_to_arrays(device, side):
+    (space, _, unit, _), (_, line, _, _) = problem(5, 4, 50), problem(side, 4, 50)
+    expected = plane_product(*cast((space, line, unit), jnp.float64))
+    assert far_off(plane_product(*cast((space, line, unit), jnp.float32)), expected) < CLOSE
+
+
 def test_gradients_do_not_depend_on_the_threads(monkeypatch):
     if jax.default_backend() != "cpu":
         pytest.skip("a GPU adds in no fixed order")

@@ -78,6 +78,15 @@ def test_a_place_that_is_not_a_number_spoils_its_own_blend_alone():
 
 
 @on_cpu
+@pytest.mark.parametrize("name", ["radius", "table"])
+def test_arrays_of_another_number_of_points_are_refused(name):
+    arrays = dict(zip(("pivot", "radius", "position", "table"), problem(7, 30), strict=True))
+    arrays[name] = np.concatenate([arrays[name], arrays[name]])
+    with pytest.raises((TypeError, ValueError)):
+        skinned(*cast(arrays.values(), jnp.float32))
+
+
+@on_cpu
 def test_gradients_do_not_depend_on_the_threads(monkeypatch):
     from gaussray.scene import skinning_code
 

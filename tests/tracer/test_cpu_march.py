@@ -64,7 +64,7 @@ def test_single_precision_chooses_machine_code_and_other_choices_the_arrays():
 
 
 def test_without_numba_the_arrays_march_and_the_kernel_is_refused(monkeypatch):
-    monkeypatch.setattr(tracer_options, "has_machine_code", lambda: False)
+    monkeypatch.setattr(tracer_options, "runs_machine_code", lambda: False)
     assert march_function(TraceOptions(), jnp.float32) is march
     with pytest.raises(ValueError, match="trace.backend=kernel needs a CUDA device.* Numba"):
         on_kernel(TraceOptions(backend="kernel"), jnp.float32)

@@ -78,7 +78,7 @@ PLACE_DRAWS, FAR, LOST, SPOTS = 64, 0.6, 0.8, 16
 ROUGH, TURNS_ROUGH, PLACES_ROUGH, WORTH_MORE = 3, 10, 20, 4
 # And it may be turned by any angle: so many times the number of poses are tried as turns at each
 # spot, Cauchy distributed with this half width in radians, each with a small step, in body sizes.
-# Boxes look alike from several sides: sharper pictures decide between the best, then the last.
+# Boxes look alike from several sides: sharper pictures decide between the best ones.
 TURN_DRAWS, SPUN, NUDGED, MODES, FINAL = 8, 0.5, 0.1, 4, 2
 # Where a body was found, so many times the number of poses are tried as any turns, and so many of
 # those at which it looks alike are looked at closer.
