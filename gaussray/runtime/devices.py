@@ -1,6 +1,7 @@
 """Devices of one host or of several hosts, and how hosts exchange arrays."""
 
 import contextlib
+import importlib
 import importlib.util
 import os
 import sys
@@ -22,9 +23,7 @@ from gaussray.runtime.program_cache import TRITON
 
 _T = TypeVar("_T")
 
-# Numba's modules import each other: of threads that compile programs at the same time, one alone
-# may import them.
-importing_numba = threading.Lock()
+_importing_numba = threading.Lock()
 
 
 class DevicesOptions(eqx.Module):
@@ -132,6 +131,16 @@ def has_machine_code() -> bool:
 def runs_machine_code() -> bool:
     """Whether programs run on a CPU and may call machine code."""
     return jax.default_backend() == "cpu" and has_machine_code()
+
+
+def numba_module(name: str) -> Any:
+    """A module of machine code, which takes as long to import as a small picture to render.
+
+    Numba's modules import each other: of threads that compile programs at the same time, one alone
+    imports them.
+    """
+    with _importing_numba:
+        return importlib.import_module(name)
 
 
 def cpu_devices() -> int:

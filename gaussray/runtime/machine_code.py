@@ -40,6 +40,12 @@ def allocating_code(function: Callable) -> Any:
     return njit(**_ALLOCATING)(inspect.unwrap(function))
 
 
+def pasted_code(function: Callable) -> Any:
+    """Like `allocating_code`, but part of what calls it: for a function of functions, as code that
+    is given others would not be kept on disk."""
+    return njit(**_ALLOCATING, inline="always")(inspect.unwrap(function))
+
+
 def summing_code(function: Callable) -> Any:
     """Like `machine_code`, but sums may be taken in any order, so that vectors add them up. This
     holds for what is written in the function itself, not for what it calls."""

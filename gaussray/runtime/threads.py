@@ -9,7 +9,14 @@ from numba import types
 from numba.core import cgutils
 
 from gaussray.runtime.devices import cores
-from gaussray.runtime.machine_code import allocating_code, intrinsic, machine_code, word_at
+from gaussray.runtime.machine_code import (
+    allocating_code,
+    intrinsic,
+    is_execution,
+    machine_code,
+    pasted_code,
+    word_at,
+)
 
 
 @intrinsic
@@ -116,6 +123,32 @@ def join_threads(identifiers, shared):
         for identifier in identifiers:
             _join(identifier, 0)
     shared[1] = 0
+
+
+@pasted_code
+def in_threads(argument, entry, pieces, extra_threads):
+    """Do the work of an entry in threads, and tell whether all of it is done: XLA called, to
+    compute, and not a thread.
+
+    Args:
+        argument: the argument of the entry.
+        entry: the entry's own address (`entry_address`).
+        pieces: takes pieces of the work until none is left; a function of the address of the
+            shared state.
+        extra_threads: the number of threads beside the caller's; a function of the address of the
+            call frame.
+    """
+    shared = shared_address(argument)
+    if shared:
+        pieces(shared)
+    elif is_execution(argument):
+        common = shared_state(argument)
+        address = np.int64(common.ctypes.data)
+        others = start_threads(entry, address, extra_threads(argument))
+        pieces(address)
+        join_threads(others, common)
+        return True
+    return False
 
 
 def thread_count() -> int:

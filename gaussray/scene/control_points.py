@@ -7,8 +7,12 @@ from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Float
 
 from gaussray.geometry import inlined, normalize_quaternion, product, rotation_matrix
-from gaussray.runtime.devices import importing_numba, runs_machine_code
+from gaussray.runtime.devices import numba_module, runs_machine_code
 from gaussray.scene.bodies import poses_at
+
+
+# The module of machine code for a CPU.
+_CODE = "gaussray.scene.skinning_code"
 
 
 class ControlPoints(eqx.Module):
@@ -81,25 +85,12 @@ def skinned(
     return _array_blend(pivot, radius, position, table)
 
 
-def register_skinning_code() -> None:
-    """Make the forward pass known to XLA on a CPU, for programs from an earlier process."""
-    if runs_machine_code():
-        _machine_code().register_blend()
-
-
-def _machine_code():
-    """The module that needs Numba, which takes a moment to import."""
-    with importing_numba:
-        from gaussray.scene import skinning_code
-    return skinning_code
-
-
 def _array_blend(pivot: Array, radius: Array, position: Array, table: Array) -> Array:
     return product("nm,mc->nc", _weights(pivot, radius, position), table)
 
 
 def _blend(pivot: Array, radius: Array, position: Array, table: Array) -> Array:
-    return _machine_code().blended_on_cpu(pivot, radius, position, table)
+    return numba_module(_CODE).blended_on_cpu(pivot, radius, position, table)
 
 
 def _blend_saved(pivot, radius, position, table):
@@ -116,7 +107,8 @@ def _blend_backward(saved, g):
     if weighs is not None:
         return jax.vjp(_array_blend, *arrays)[1](g)
     pivot, radius, position, _ = arrays
-    return None, None, None, _machine_code().table_gradient_on_cpu(pivot, radius, position, g)
+    gradient = numba_module(_CODE).table_gradient_on_cpu(pivot, radius, position, g)
+    return None, None, None, gradient
 
 
 _native_blend = jax.custom_vjp(_blend)

@@ -10,16 +10,12 @@ import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from gaussray.geometry import multiply, normalize_quaternion, product, rotation_matrix
+from gaussray.runtime.devices import numba_module, runs_machine_code
 from gaussray.scene.bodies import Bodies, body_of, body_pose_at
-from gaussray.scene.control_points import (
-    ControlPoints,
-    control_motion,
-    register_skinning_code,
-    with_fixed_weights,
-)
+from gaussray.scene.control_points import ControlPoints, control_motion, with_fixed_weights
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.harmonics import harmonic_basis
-from gaussray.scene.planes import Planes, features, register_plane_code
+from gaussray.scene.planes import Planes, features
 
 
 # Largest change of log scale: unbounded, a Gaussian whose motion is not yet found grows until it
@@ -236,8 +232,9 @@ def deform(
 
 def register_machine_code() -> None:
     """Make known to XLA what deformation calls on a CPU in a program from an earlier process."""
-    register_plane_code()
-    register_skinning_code()
+    if runs_machine_code():
+        numba_module("gaussray.scene.plane_code").register_plane_samples()
+        numba_module("gaussray.scene.skinning_code").register_blend()
 
 
 def _residuals(

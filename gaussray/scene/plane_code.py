@@ -17,7 +17,6 @@ from gaussray.runtime.machine_code import (
     flat_floats,
     inlined_code,
     integers,
-    is_execution,
     machine_code,
     operand,
     register,
@@ -27,11 +26,8 @@ from gaussray.runtime.machine_code import (
 from gaussray.runtime.threads import (
     call_frame,
     entry_address,
-    join_threads,
+    in_threads,
     next_piece,
-    shared_address,
-    shared_state,
-    start_threads,
     thread_count,
 )
 
@@ -271,28 +267,12 @@ def _extra_threads(frame):
 
 
 def _forward(argument):
-    shared = shared_address(argument)
-    if shared:
-        _forward_pieces(shared)
-    elif is_execution(argument):
-        common = shared_state(argument)
-        address = np.int64(common.ctypes.data)
-        others = start_threads(entry_address(), address, _extra_threads(argument))
-        _forward_pieces(address)
-        join_threads(others, common)
+    in_threads(argument, entry_address(), _forward_pieces, _extra_threads)
     return 0
 
 
 def _backward(argument):
-    shared = shared_address(argument)
-    if shared:
-        _backward_pieces(shared)
-    elif is_execution(argument):
-        common = shared_state(argument)
-        address = np.int64(common.ctypes.data)
-        others = start_threads(entry_address(), address, _extra_threads(argument))
-        _backward_pieces(address)
-        join_threads(others, common)
+    in_threads(argument, entry_address(), _backward_pieces, _extra_threads)
     return 0
 
 

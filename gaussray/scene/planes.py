@@ -7,10 +7,12 @@ from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from gaussray.runtime.cuda import available as has_cuda
-from gaussray.runtime.devices import importing_numba, runs_machine_code
+from gaussray.runtime.devices import numba_module, runs_machine_code
 from gaussray.scene.plane_kernel import backward_on_gpu, forward_on_gpu
 
 
+# The module of machine code for a CPU.
+_CODE = "gaussray.scene.plane_code"
 # The coordinate pairs of the planes; 3 is time.
 SPACE_PAIRS = ((0, 1), (0, 2), (1, 2))
 
@@ -134,23 +136,10 @@ def plane_product(
     return _array_product(space, line, unit)
 
 
-def register_plane_code() -> None:
-    """Make the forward pass known to XLA on a CPU, for programs from an earlier process."""
-    if runs_machine_code():
-        _machine_code().register_plane_samples()
-
-
-def _machine_code():
-    """The module that needs Numba, which takes a moment to import."""
-    with importing_numba:
-        from gaussray.scene import plane_code
-    return plane_code
-
-
 def _forward(space: Array, line: Array, unit: Array) -> Array:
     if has_cuda():
         return forward_on_gpu(space, line, unit)
-    return _machine_code().forward_on_cpu(space, line, unit)
+    return numba_module(_CODE).forward_on_cpu(space, line, unit)
 
 
 def _forward_saved(space, line, unit):
@@ -164,7 +153,7 @@ def _backward(saved, g):
     (space, line, unit), moves = saved
     if isinstance(g, SymbolicZero):
         return None, None, None
-    back = backward_on_gpu if has_cuda() else _machine_code().backward_on_cpu
+    back = backward_on_gpu if has_cuda() else numba_module(_CODE).backward_on_cpu
     return back(space, line, unit, g, moves=moves is not None)
 
 

@@ -3,8 +3,6 @@
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from types import ModuleType
-from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -14,7 +12,7 @@ from jax.typing import DTypeLike
 from jaxtyping import Array, Float, Int
 
 from gaussray.camera.rays import Rays, moved_to_start
-from gaussray.runtime.devices import importing_numba
+from gaussray.runtime.devices import numba_module
 from gaussray.tracer import kernel
 from gaussray.tracer.bundle import bounds_of_levels, split_into_bundles
 from gaussray.tracer.composite import Pixels, from_origin
@@ -179,20 +177,6 @@ def march_lists(
     return pixels, jnp.sum(hits)
 
 
-class _MachineCode(NamedTuple):
-    """The modules that need Numba."""
-
-    lists: ModuleType
-    march: ModuleType
-
-
-def _machine_code() -> _MachineCode:
-    """Import the modules; Numba takes as long to import as a small picture to render."""
-    with importing_numba:
-        from gaussray.tracer.cpu import lists as cpu_lists, march as cpu_march
-    return _MachineCode(cpu_lists, cpu_march)
-
-
 def march_function(options: TraceOptions, dtype: DTypeLike) -> Callable:
     """The function that marches bundles: machine code, compiled here or read from disk, or arrays.
 
@@ -202,7 +186,7 @@ def march_function(options: TraceOptions, dtype: DTypeLike) -> Callable:
     """
     if not on_cpu_kernel(options, dtype):
         return march
-    marching = _machine_code().march
+    marching = numba_module("gaussray.tracer.cpu.march")
     marching.register_forward()
     return marching.march_on_cpu
 
@@ -215,7 +199,7 @@ def make_lists_known(options: TraceOptions, dtype: DTypeLike) -> None:
         dtype: precision of the rays.
     """
     if on_cpu_kernel(options, dtype):
-        _machine_code().lists.register_lists()
+        numba_module("gaussray.tracer.cpu.lists").register_lists()
 
 
 def ray_lanes(motion: Motion, bundled: Rays) -> Lanes:
@@ -262,7 +246,7 @@ def find_candidates(
                 "a capacity without cells is for single precision on a CPU with Numba: measure it "
                 "for these rays and options."
             )
-        lists, skipped = _machine_code().lists.find_lists(
+        lists, skipped = numba_module("gaussray.tracer.cpu.lists").find_lists(
             scene.motion, levels, scene.span, options=options, capacity=capacity
         )
     else:

@@ -12,7 +12,6 @@ from gaussray.runtime.machine_code import (
     allocating_code,
     floats,
     integers,
-    is_execution,
     machine_code,
     operand,
     register,
@@ -21,11 +20,8 @@ from gaussray.runtime.machine_code import (
 from gaussray.runtime.threads import (
     call_frame,
     entry_address,
-    join_threads,
+    in_threads,
     next_piece,
-    shared_address,
-    shared_state,
-    start_threads,
     take_places,
     thread_count,
 )
@@ -310,15 +306,7 @@ def _extra_threads(frame):
 
 
 def _find(argument):
-    shared = shared_address(argument)
-    if shared:
-        _list_bundles(shared)
-    elif is_execution(argument):
-        common = shared_state(argument)
-        address = np.int64(common.ctypes.data)
-        others = start_threads(entry_address(), address, _extra_threads(argument))
-        _list_bundles(address)
-        join_threads(others, common)
+    if in_threads(argument, entry_address(), _list_bundles, _extra_threads):
         _join_lists(argument)
     return 0
 

@@ -12,17 +12,13 @@ from gaussray.runtime.machine_code import (
     allocating_code,
     flat_floats,
     floats,
-    is_execution,
     operand,
     register,
     result,
 )
 from gaussray.runtime.threads import (
     entry_address,
-    join_threads,
-    shared_address,
-    shared_state,
-    start_threads,
+    in_threads,
     thread_count,
 )
 from gaussray.tracer.cpu.bundle import list_range, march_inputs
@@ -44,28 +40,12 @@ def _extra_threads(frame):
 
 
 def _forward(argument):
-    shared = shared_address(argument)
-    if shared:
-        forward_bundles(shared)
-    elif is_execution(argument):
-        common = shared_state(argument)
-        address = np.int64(common.ctypes.data)
-        others = start_threads(entry_address(), address, _extra_threads(argument))
-        forward_bundles(address)
-        join_threads(others, common)
+    in_threads(argument, entry_address(), forward_bundles, _extra_threads)
     return 0
 
 
 def _backward(argument):
-    shared = shared_address(argument)
-    if shared:
-        backward_bundles(shared)
-    elif is_execution(argument):
-        common = shared_state(argument)
-        address = np.int64(common.ctypes.data)
-        others = start_threads(entry_address(), address, _extra_threads(argument))
-        backward_bundles(address)
-        join_threads(others, common)
+    if in_threads(argument, entry_address(), backward_bundles, _extra_threads):
         _sum_gradients(argument)
     return 0
 
