@@ -1,19 +1,23 @@
 """The appearance of points and pixels that tracking compares: colour more than brightness."""
 
-from typing import NamedTuple
+from functools import partial
+from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Shaped
 from scipy.ndimage import gaussian_filter
 
-from gaussray.color import srgb_decode
+from gaussray.color import Values, srgb_decode
 
 
 # Linear light below which a colour means little.
 DARK = 0.005
 # Weights of colour (sum over channels), of brightness, and of whether a pixel changes at all.
 COLOR, BRIGHTNESS, CHANGES = 0.4, 0.1, 0.3
+# A GPU would round the factors to eleven bits.
+_EXACT = {"precision": jax.lax.Precision.HIGHEST}
 
 
 class Shown(NamedTuple):
@@ -35,32 +39,53 @@ def layers(
         shrink: so many times smaller than the pictures are the layers.
         blur: standard deviation of each layer's blur, in its own pixels.
     """
-    scale = 255 if shown.picture.dtype == np.uint8 else 1
-    light = srgb_decode(_shrunk(shown.picture, shrink) / scale)
-    changes = CHANGES * _shrunk(shown.moved[..., None], shrink)
-    sharp = np.concatenate([look(light), changes], axis=-1)
-    blurred = [gaussian_filter(sharp, (0, sigma, sigma, 0)) for sigma in blur]
-    if shown.visible is not None:
-        some = _shrunk(~shown.visible[..., None], shrink) > 0
-        blurred = [np.where(some, np.nan, layer) for layer in blurred]
-    return [jnp.asarray(layer, jnp.float32) for layer in blurred]
+    height, width = (side // shrink for side in shown.picture.shape[1:3])
+    across = [(_blurring(height, sigma), _blurring(width, sigma)) for sigma in blur]
+    return _layers(*shown, shrink, across)
 
 
-def _shrunk(picture: np.ndarray, factor: int) -> np.ndarray:
-    """Means of blocks of factor x factor pixels."""
-    _, height, width, channels = picture.shape
-    height, width = height // factor, width // factor
+@partial(jax.jit, static_argnames="shrink")
+def _layers(
+    picture: Shaped[Array, "frames h w 3"],
+    moved: Bool[Array, "frames h w"],
+    visible: Bool[Array, "frames h w"] | None,
+    shrink: int,
+    across: list[tuple[Float[Array, "h h"], Float[Array, "w w"]]],
+) -> list[Float[Array, "frames h w 5"]]:
+    """`layers`, by the matrices that blur columns and rows."""
+    scale = 255 if picture.dtype == jnp.uint8 else 1
 
     # One by one: in single precision all together would take four times their memory.
-    def one(frame: np.ndarray) -> np.ndarray:
-        block = frame[: height * factor, : width * factor].astype(np.float32)
-        return block.reshape(height, factor, width, factor, channels).mean(axis=(1, 3))
+    def one(frame: tuple[Array, Array, Array | None]) -> list[Array]:
+        picture, moved, visible = frame
+        light = srgb_decode(_shrunk(picture, shrink) / scale)
+        changes = CHANGES * _shrunk(moved[..., None], shrink)
+        sharp = jnp.concatenate([look(light), changes], axis=-1)
+        hidden = False if visible is None else _shrunk(~visible[..., None], shrink) > 0
+        return [
+            jnp.where(hidden, jnp.nan, jnp.einsum("ij,jkc,lk->ilc", down, sharp, along, **_EXACT))
+            for down, along in across
+        ]
 
-    return np.stack([one(frame) for frame in picture])
+    return jax.lax.map(one, (picture, moved, visible))
 
 
-def look(light: Float[np.ndarray, "*any 3"]) -> Float[np.ndarray, "*any 4"]:
-    """Red, green and blue over their mean, and a little of their brightness."""
-    light = np.maximum(light, 0)
+def _blurring(pixels: int, sigma: float) -> Float[np.ndarray, "pixels pixels"]:
+    """The matrix that blurs a line of pixels."""
+    return gaussian_filter(np.eye(pixels, dtype=np.float32), (sigma, 0))
+
+
+def _shrunk(picture: Shaped[Array, "h w c"], factor: int) -> Float[Array, "small_h small_w c"]:
+    """Means of blocks of factor x factor pixels."""
+    height, width, channels = picture.shape
+    height, width = height // factor, width // factor
+    block = picture[: height * factor, : width * factor].astype(jnp.float32)
+    return block.reshape(height, factor, width, factor, channels).mean(axis=(1, 3))
+
+
+def look(light: Values) -> Values:
+    """Red, green and blue (last axis) over their mean, and a little of their brightness."""
+    xp: Any = jnp if isinstance(light, jax.Array) else np
+    light = xp.maximum(light, 0)
     mean = light.mean(axis=-1, keepdims=True)
-    return np.concatenate([COLOR * light / (mean + DARK), BRIGHTNESS * np.sqrt(mean)], axis=-1)
+    return xp.concatenate([COLOR * light / (mean + DARK), BRIGHTNESS * xp.sqrt(mean)], axis=-1)

@@ -188,18 +188,18 @@ def _found(
     """The poses of known bodies at all times, one time after the other; and how much these bodies,
     as they are judged (`toward_views`), differ from the pictures, summed over the times."""
     count = len(known.size)
-    poses = [rest_pose(known)]
+    poses = [jax.tree.map(np.asarray, rest_pose(known))]
     costs, mismatches = [np.zeros(count)], []
     for i in range(1, len(instants)):
         pictures = pictures_at(i)
         certain, enough = _last_certain(costs)
-        last = Pose(*(jnp.stack(x)[certain, np.arange(count)] for x in zip(*poses, strict=True)))
+        last = Pose(*(np.stack(x)[certain, np.arange(count)] for x in zip(*poses, strict=True)))
         expected = _ahead(poses, instants[: i + 1])
         unknown = Others(expected, jnp.zeros(count, bool))
         start = Start(expected, last, jnp.asarray(i - certain, jnp.float32), unknown)
         keys = jax.random.split(jax.random.fold_in(key, i), count)
         pose, cost = _search_apart(keys, known, start, enough, pictures, options)
-        poses.append(pose)
+        poses.append(jax.tree.map(np.asarray, pose))
         costs.append(np.asarray(cost))
         mismatches.append(mismatch_at(pose, judged, pictures))
         report(i)
@@ -290,8 +290,13 @@ def _ahead(poses: list[Pose], instants: np.ndarray) -> Pose:
     last = poses[-1]
     if len(poses) == 1:
         return last
-    before = poses[-2]
-    ahead = float((instants[-1] - instants[-2]) / (instants[-2] - instants[-3]))
+    ahead = (instants[-1] - instants[-2]) / (instants[-2] - instants[-3])
+    return _onward(poses[-2], last, jnp.asarray(ahead, last.path.dtype))
+
+
+@jax.jit
+def _onward(before: Pose, last: Pose, ahead: Float[Array, ""]) -> Pose:
+    """The same step from the last pose, for a time that is `ahead` times as long."""
     back = before.turn * jnp.asarray([[1, -1, -1, -1]], before.turn.dtype)
     step = multiply(last.turn, back)
     step = jnp.where(step[:, :1] < 0, -step, step)

@@ -4,7 +4,6 @@ Draw poses, keep those that cost least (`pose_cost`), draw again around these, f
 pictures, then in sharp ones.
 """
 
-from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
@@ -23,6 +22,14 @@ from gaussray.reconstruct.initialize.pose_cost import (
     cost_as_seen,
     pose_cost,
     visibility,
+)
+from gaussray.reconstruct.initialize.pose_draws import (
+    change_from,
+    distinct_poses,
+    far_places,
+    far_turns,
+    least_costly,
+    step_from,
 )
 
 
@@ -70,21 +77,19 @@ FARTHER = 0.003
 # begins, and the least with which it ends; the last pair holds for all further blurs.
 WIDTHS = ((0.35, 0.05), (0.1, 0.02), (0.05, 0.005))
 # A body that was hit may be anywhere: so many times the number of poses are tried, at places that
-# are Cauchy distributed with this half width, in body sizes for every time since it was found, and
-# with turns of this standard deviation in radians. The best spots are looked at closer.
-PLACE_DRAWS, FAR, LOST, SPOTS = 64, 0.6, 0.8, 16
+# are Cauchy distributed with this half width, in body sizes for every time since it was found. The
+# best spots are looked at closer.
+PLACE_DRAWS, FAR, SPOTS = 64, 0.6, 16
 # Each third point tells the better of few poses; each tenth and twentieth, which of many turns and
 # places are worth more points: so many times the number of poses.
 ROUGH, TURNS_ROUGH, PLACES_ROUGH, WORTH_MORE = 3, 10, 20, 4
 # And it may be turned by any angle: so many times the number of poses are tried as turns at each
-# spot, Cauchy distributed with this half width in radians, each with a small step, in body sizes.
-# Boxes look alike from several sides: sharper pictures decide between the best ones.
-TURN_DRAWS, SPUN, NUDGED, MODES, FINAL = 8, 0.5, 0.1, 4, 2
+# spot, each with a small step, in body sizes. Boxes look alike from several sides: sharper pictures
+# decide between the best ones.
+TURN_DRAWS, NUDGED, MODES, FINAL = 8, 0.1, 4, 2
 # Where a body was found, so many times the number of poses are tried as any turns, and so many of
 # those at which it looks alike are looked at closer.
 ALL_TURNS, ALIKE = 16, 8
-# Spots differ by at least so many body sizes, turns at them by so many radians.
-DIFFERENT = 0.6
 
 
 class Start(NamedTuple):
@@ -153,7 +158,7 @@ def turn_candidates(
         likely: turns that are looked at in any case.
         known: all bodies at the first time.
         pose: where they were found.
-        pictures: what the cameras show at the time of the poses.
+        pictures: what the cameras show at that time.
         options: how thoroughly to search.
 
     Returns:
@@ -176,9 +181,9 @@ def turn_candidates(
         count = ALL_TURNS * options.poses
         turn = normalize_quaternion(jax.random.normal(key, (count, 4), first.turn.dtype))
         found = Pose(jnp.broadcast_to(first.path[None], (count, 3)), turn)
-        found = _best(found, rough.seen_costs(found, layers[0]), WORTH_MORE * options.poses)
+        found = least_costly(found, rough.seen_costs(found, layers[0]), WORTH_MORE * options.poses)
         cost = rough.seen_costs(found, layers[second])
-        found = _distinct(found, cost, ALIKE, partial(_change_from, size=own.size))
+        found = distinct_poses(found, cost, ALIKE, partial(change_from, size=own.size))
 
         also = Pose(jnp.broadcast_to(first.path[None], (len(turns), 3)), turns)
         found = jax.tree.map(lambda *x: jnp.concatenate(x), also, found)
@@ -187,7 +192,7 @@ def turn_candidates(
             search = around(begin).thinned(ROUGH)
             return _narrowed(key, search, begin, range(second, last + 1))[0]
 
-        found = jax.lax.map(closer, found)
+        found = jax.lax.map(closer, found, batch_size=_together(1, 16))
         found = jax.tree.map(lambda x, others: jnp.concatenate([x[None], others]), first, found)
         return found, around(first).seen_costs(found, layers[last])
 
@@ -218,15 +223,15 @@ class _Search(NamedTuple):
         visible = visibility(pose, self.own, self.body, self.known, others, pictures, layer)
 
         def cost(change: Array) -> Array:
-            farther = _change_from(self.first, changed(pose, change), self.own.size)
+            farther = change_from(self.first, changed(pose, change), self.own.size)
             return pose_cost(change, pose, self.own, visible, layer) + FARTHER * farther
 
-        return jax.lax.map(cost, draw, batch_size=32)
+        return jax.lax.map(cost, draw, batch_size=_together(32, 128))
 
     def costs_of(self, pose: Pose, layer: Array) -> Float[Array, " poses"]:
         """What poses cost that may be far from one another."""
 
-        farther = jax.vmap(partial(_change_from, self.first, size=self.own.size))(pose)
+        farther = jax.vmap(partial(change_from, self.first, size=self.own.size))(pose)
         return self.seen_costs(pose, layer) + FARTHER * farther
 
     def seen_costs(self, pose: Pose, layer: Array) -> Float[Array, " poses"]:
@@ -238,12 +243,17 @@ class _Search(NamedTuple):
             )
             return cost_as_seen(visible, self.own, layer)
 
-        return jax.lax.map(cost, pose, batch_size=256)
+        return jax.lax.map(cost, pose, batch_size=_together(256, 1024))
 
     def thinned(self, each: int) -> "_Search":
         """The same with fewer points."""
         few = {name: getattr(self.own, name)[::each] for name in ("place", "normal", "look")}
         return self._replace(own=self.own._replace(**few))
+
+
+def _together(on_cpu: int, on_gpu: int) -> int:
+    """How many poses are compared at a time: a GPU would wait for many small kernels."""
+    return on_cpu if jax.default_backend() == "cpu" else on_gpu
 
 
 def _search_far(key: PRNGKeyArray, search: _Search, since: Array) -> tuple[Pose, Array]:
@@ -252,20 +262,22 @@ def _search_far(key: PRNGKeyArray, search: _Search, since: Array) -> tuple[Pose,
     size, dtype, last = search.own.size, first.path.dtype, len(layers) - 1
     rough, second, kept = search.thinned(ROUGH), min(1, last), WORTH_MORE * options.poses
     keys = jax.random.split(jax.random.fold_in(key, len(layers)))
-    draw = _places(keys[0], PLACE_DRAWS * options.poses, FAR * size * since, dtype)
+    draw = far_places(keys[0], PLACE_DRAWS * options.poses, FAR * size * since, dtype)
     pose = jax.vmap(partial(changed, first))(draw)
-    pose = _best(pose, search.thinned(PLACES_ROUGH).costs_of(pose, layers[0]), kept)
-    pose = _distinct(pose, rough.costs_of(pose, layers[0]), SPOTS, partial(_step_from, size=size))
+    pose = least_costly(pose, search.thinned(PLACES_ROUGH).costs_of(pose, layers[0]), kept)
+    pose = distinct_poses(
+        pose, rough.costs_of(pose, layers[0]), SPOTS, partial(step_from, size=size)
+    )
     pose, _ = jax.vmap(lambda x: _narrowed(key, rough, x, range(second)))(pose)
-    draw = _turns(keys[1], TURN_DRAWS * options.poses, NUDGED * size, dtype)
+    draw = far_turns(keys[1], TURN_DRAWS * options.poses, NUDGED * size, dtype)
     rougher = search.thinned(TURNS_ROUGH)
     cost = jax.vmap(lambda x: rougher.costs(draw, x, layers[second]))(pose)
     pose = jax.vmap(lambda x: jax.vmap(partial(changed, x))(draw))(pose)
-    pose = _best(jax.tree.map(jnp.concatenate, pose), cost.reshape(-1), kept)
+    pose = least_costly(jax.tree.map(jnp.concatenate, pose), cost.reshape(-1), kept)
     cost = rough.costs_of(pose, layers[second])
-    pose = _distinct(pose, cost, MODES, partial(_change_from, size=size))
+    pose = distinct_poses(pose, cost, MODES, partial(change_from, size=size))
     pose, cost = jax.vmap(lambda x: _narrowed(key, rough, x, range(second, last)))(pose)
-    pose = _best(pose, cost, FINAL)
+    pose = least_costly(pose, cost, FINAL)
     pose, cost = jax.vmap(lambda x: _narrowed(key, search, x, range(last, last + 1)))(pose)
     best = jnp.argmin(cost)
     return jax.tree.map(lambda x: x[best], pose), cost[best]
@@ -301,50 +313,3 @@ def _narrowed(key: PRNGKeyArray, search: _Search, pose: Pose, levels: range) -> 
     keys = [jax.random.split(jax.random.fold_in(key, i), options.rounds) for i in levels]
     pose, _, cost = jax.lax.scan(one_level, begin, (layers, widths, jnp.stack(keys)))[0]
     return pose, cost
-
-
-def _places(key: PRNGKeyArray, count: int, reach: Array, dtype) -> Float[Array, "places 6"]:
-    """Changes of a pose: steps of any length, with turns; the first changes nothing."""
-    draw = jax.random.normal(key, (count, 7), dtype).at[0, :6].set(0)
-    step = reach * draw[:, 3:6] / jnp.maximum(jnp.abs(draw[:, 6:]), 1e-6)
-    return jnp.concatenate([LOST * draw[:, :3], step], axis=1)
-
-
-def _turns(key: PRNGKeyArray, count: int, nudge: Array, dtype) -> Float[Array, "turns 6"]:
-    """Changes of a pose: turns of any angle, with small steps; the first changes nothing."""
-    draw = jax.random.normal(key, (count, 7), dtype).at[0, :6].set(0)
-    turn = SPUN * draw[:, :3] / jnp.maximum(jnp.abs(draw[:, 6:]), 1e-6)
-    return jnp.concatenate([turn, nudge * draw[:, 3:6]], axis=1)
-
-
-def _best(pose: Pose, cost: Float[Array, " poses"], count: int) -> Pose:
-    """The poses that cost least, in the order of their costs."""
-    return jax.tree.map(lambda x: x[jnp.argsort(cost)[:count]], pose)
-
-
-def _distinct(
-    pose: Pose, cost: Float[Array, " poses"], count: int, change: Callable[[Pose, Pose], Array]
-) -> Pose:
-    """The best pose, the best of those that differ from it, the best of those that differ from
-    both, and so on."""
-
-    def one(cost: Array, _: None) -> tuple[Array, Pose]:
-        at = jnp.argmin(cost)
-        best = jax.tree.map(lambda x: x[at], pose)
-        near = jax.vmap(partial(change, best))(pose) < DIFFERENT
-        return jnp.where(near, jnp.inf, cost), best
-
-    return jax.lax.scan(one, cost, length=count)[1]
-
-
-def _step_from(first: Pose, pose: Pose, size: Array) -> Float[Array, ""]:
-    """Body sizes from one pose to another."""
-    return jnp.linalg.norm(pose.path - first.path) / size
-
-
-def _change_from(first: Pose, pose: Pose, size: Array) -> Float[Array, ""]:
-    """Radians and body sizes from one pose to another."""
-    along = jnp.abs(jnp.sum(first.turn * pose.turn))
-    across = jnp.linalg.norm(first.turn) * jnp.linalg.norm(pose.turn)
-    angle = 2 * jnp.arccos(jnp.clip(along / across, 0, 1))
-    return angle + _step_from(first, pose, size)
