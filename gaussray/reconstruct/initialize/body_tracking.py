@@ -24,6 +24,7 @@ from gaussray.reconstruct.initialize.pose_cost import (
     Pictures,
     Pose,
     mismatch_at,
+    none_found,
     rest_pose,
     toward_views,
 )
@@ -195,8 +196,8 @@ def _found(
         certain, enough = _last_certain(costs)
         last = Pose(*(np.stack(x)[certain, np.arange(count)] for x in zip(*poses, strict=True)))
         expected = _ahead(poses, instants[: i + 1])
-        unknown = Others(expected, jnp.zeros(count, bool))
-        start = Start(expected, last, jnp.asarray(i - certain, jnp.float32), unknown)
+        since = jnp.asarray(i - certain, jnp.float32)
+        start = Start(expected, last, since, none_found(expected, known))
         keys = jax.random.split(jax.random.fold_in(key, i), count)
         pose, cost = _search_apart(keys, known, start, enough, pictures, options)
         poses.append(jax.tree.map(np.asarray, pose))

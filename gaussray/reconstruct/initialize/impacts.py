@@ -126,10 +126,12 @@ def with_impacts(bodies: Bodies) -> Bodies:
     parts = []
     for known, path, turn in bent:
         own = (jnp.asarray(x, bodies.path.dtype) for x in (known, path[None], turn[None]))
-        poses = jax.vmap(lambda time, own=tuple(own): poses_at(*own, time))(at)
-        parts.append([x[:, 0] for x in poses])
+        parts.append([x[:, 0] for x in _poses_at_all(*own, at)])
     path, turn = (jnp.stack(x) for x in zip(*parts, strict=True))
     return eqx.tree_at(lambda b: (b.time, b.path, b.turn), bodies, (at, path, turn))
+
+
+_poses_at_all = jax.jit(jax.vmap(poses_at, (None, None, None, 0)))
 
 
 def _bent(

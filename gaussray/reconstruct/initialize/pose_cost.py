@@ -96,6 +96,17 @@ def rest_pose(known: Known) -> Pose:
     return Pose(jnp.zeros_like(known.pivot), turn)
 
 
+def none_found(pose: Pose, known: Known) -> Others:
+    """Bodies at their poses, none of which was found.
+
+    Args:
+        pose: where they are taken to be.
+        known: the bodies at the first time.
+    """
+    # Not a constant: XLA would spend seconds on what follows from it for every pose.
+    return Others(pose, known.size < 0)
+
+
 @eqx.filter_jit
 def mismatch_at(pose: Pose, known: Known, pictures: Pictures) -> Mismatch:
     """Mean differences of colour and brightness of all bodies at a time, in the sharpest pictures.
@@ -108,7 +119,7 @@ def mismatch_at(pose: Pose, known: Known, pictures: Pictures) -> Mismatch:
     """
     sharpest, count = pictures.layers[-1][..., :-1], len(known.size)
     known = known._replace(look=known.look[..., :-1])
-    others = Others(pose, jnp.zeros(count, bool))
+    others = none_found(pose, known)
 
     def one(body: Array, at: Pose) -> tuple[Array, Array, Array]:
         own = jax.tree.map(lambda x: x[body], known)
@@ -140,7 +151,7 @@ def toward_views(known: Known, pictures: Pictures) -> Known:
     """
     sharpest, count = pictures.layers[-1][..., :-1], len(known.size)
     rest = rest_pose(known)
-    others = Others(rest, jnp.zeros(count, bool))
+    others = none_found(rest, known)
 
     def one(body: Array, pose: Pose) -> Array:
         own = jax.tree.map(lambda x: x[body], known._replace(look=known.look[..., :-1]))

@@ -20,6 +20,7 @@ from gaussray.reconstruct.initialize.pose_cost import (
     Pose,
     changed,
     cost_as_seen,
+    none_found,
     pose_cost,
     visibility,
 )
@@ -170,7 +171,7 @@ def turn_candidates(
     def one(at: tuple[PRNGKeyArray, Array, Array]) -> tuple[Pose, Array]:
         key, body, turns = at
         own = jax.tree.map(lambda x: x[body], known)
-        others = Others(pose, jnp.zeros(len(known.size), bool))
+        others = none_found(pose, known)
 
         def around(begin: Pose) -> _Search:
             every = jax.tree.map(lambda x, own: x.at[body].set(own), pose, begin)

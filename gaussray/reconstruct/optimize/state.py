@@ -117,7 +117,8 @@ def with_gaussians(state: State, changed: dict[str, ChangedRows]) -> State:
     return eqx.tree_at(lambda s: (s.adam, s.step), begin_state(parameters), (adam, state.step))
 
 
-def renewed_moment(moment: Array, fresh: Bool[np.ndarray, " rows"]) -> Array:
+@jax.jit
+def renewed_moment(moment: Array, fresh: Bool[np.ndarray | Array, " rows"]) -> Array:
     """A moment of Adam after rows have changed: kept where a Gaussian stayed, 0 where one is new.
 
     Args:
