@@ -5,11 +5,11 @@ python -m benchmarks.bench_reconstruct --capture DIR --auto --stages coarse --de
 python -m benchmarks.bench_reconstruct --capture DIR --auto --kernels 30
 python -m benchmarks.bench_reconstruct --room 200000 --rays 32768 262144
 
-A step is rays of one instant, the scene at its time, trace, loss, gradients and Adam; ten of them
-run as one program and are waited for. Without --capture it is the sample's, without --auto the
-options are those of fit=quick. Several devices share the rays of a step; `against_first` divides
-the time by that of the first number of devices. With --room the scene is the generated room, a
-tenth of which moves, with harmonics of degree 2, and the capture is 16 cameras in it.
+A step is rays of one instant, the scene at its time, trace, loss, gradients and Adam. As in a fit,
+25 of them run as one program and are waited for. Without --capture it is the sample's, without
+--auto the options are those of fit=quick. Several devices share the rays of a step; `against_first`
+divides the time by that of the first number of devices. With --room the scene is the generated
+room, a tenth of which moves, with harmonics of degree 2, and the capture is 16 cameras in it.
 """
 
 import tempfile
@@ -30,8 +30,8 @@ from benchmarks.room_capture import write_capture
 from gaussray.tracer.options import TraceOptions
 
 
-# Steps that are compiled and timed as one.
-BLOCK = 10
+# Steps that are compiled and timed as one, as many as those of `fit.block`.
+BLOCK = 25
 # Pixels of a side, and cameras, of the capture of the generated room; pixels of a tile's side.
 SIDE, CAMERAS, TILE = 256, 16, 32
 _SHOWN = ("effect", "gaussians", "rays", "backend", "devices", "compile_s", "run_s_median", "loss",

@@ -226,8 +226,8 @@ def test_every_effect_and_every_knob_can_be_measured(monkeypatch, tmp_path):
 @slow
 def test_steps_of_a_reconstruction_are_measured(monkeypatch, tmp_path):
     monkeypatch.setattr(record, "RESULTS", tmp_path)
-    bench_reconstruct.main(["--steps", "10", "--stages", "coarse", "--kernels", "3"])
-    bench_reconstruct.main(["--steps", "10", "--room", "2000", "--rays", "1024", "4096"])
+    bench_reconstruct.main(["--steps", "25", "--stages", "coarse", "--kernels", "3"])
+    bench_reconstruct.main(["--steps", "25", "--room", "2000", "--rays", "1024", "4096"])
     lines = lines_of(tmp_path, "reconstruct_step")
     assert [line["rays"] for line in lines[1:]] == [1024, 4096]
     assert lines[1]["gaussians"] == 2000 and lines[1]["effect"] == "fine"

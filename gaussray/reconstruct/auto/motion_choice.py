@@ -61,9 +61,11 @@ def with_motion_tried(
     else:
         scores = {}
         if candidates:
+            names = " or ".join(candidates)
             say(
                 "Trial: short fits, each scored on pictures that it did not see, choose the model "
-                "of motion (fit.motion)."
+                "of motion. That takes some minutes, which fit.minutes does not count; "
+                f"fit.motion={names} leaves it out."
             )
             tried = {name: candidate.options for name, candidate in candidates.items()}
             scores = motion_trial_scores(fits, tried, steps)

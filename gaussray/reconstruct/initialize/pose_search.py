@@ -193,7 +193,7 @@ def turn_candidates(
             search = around(begin).thinned(ROUGH)
             return _narrowed(key, search, begin, range(second, last + 1))[0]
 
-        found = jax.lax.map(closer, found, batch_size=_together(1, 16))
+        found = jax.lax.map(closer, found, batch_size=_together(None, 16))
         found = jax.tree.map(lambda x, others: jnp.concatenate([x[None], others]), first, found)
         return found, around(first).seen_costs(found, layers[last])
 
@@ -244,7 +244,7 @@ class _Search(NamedTuple):
             )
             return cost_as_seen(visible, self.own, layer)
 
-        return jax.lax.map(cost, pose, batch_size=_together(256, 1024))
+        return jax.lax.map(cost, pose, batch_size=_together(None, 1024))
 
     def thinned(self, each: int) -> "_Search":
         """The same with fewer points."""
@@ -252,8 +252,9 @@ class _Search(NamedTuple):
         return self._replace(own=self.own._replace(**few))
 
 
-def _together(on_cpu: int, on_gpu: int) -> int:
-    """How many poses are compared at a time: a GPU would wait for many small kernels."""
+def _together(on_cpu: int | None, on_gpu: int) -> int | None:
+    """How many poses are compared at a time (None: one): a GPU would wait for many small kernels,
+    and numbers of many poses do not fit into the caches of a CPU."""
     return on_cpu if jax.default_backend() == "cpu" else on_gpu
 
 
