@@ -49,9 +49,9 @@ def main(argv: Sequence[str] | None = None) -> None:
     chosen = parser.parse_intermixed_args(argv)
     words = [f"scene={chosen.scene}", f"trace.backend={chosen.backend}", *chosen.words]
     model = ViewerModel(compose_config("view", words), words)
-    shot = model.shot(model.initial_values, model.initial_viewpoint, model.size)
+    job = model.job(model.initial_values, model.initial_viewpoint, model.size)
     previewer = PreviewRenderer(
-        model.scene, options=shot.options, trace=shot.trace, keys=model.options.keys
+        model.scene, options=job.options, trace=job.trace, keys=model.options.keys
     )
     name = Path(chosen.scene).resolve().name
     rows = [_measured(name, model, previewer, width, chosen.frames) for width in chosen.widths]
@@ -87,33 +87,33 @@ def _measured(
         viewpoint = viewpoint._replace(position=tuple(np.add(viewpoint.position, STEP * i)))
         timer, began = StageTimer(), time.perf_counter()
         with timer.stage("tracing"):
-            shot = model.shot(values, viewpoint, size)
-            while (preview := previewer(_camera(shot), rays)) is None or previewer.compiling:
+            job = model.job(values, viewpoint, size)
+            while (preview := previewer(_camera(job), rays)) is None or previewer.compiling:
                 time.sleep(0.05)
         with timer.stage("developing"):
-            codes = develop_preview(preview, shot)
+            codes = develop_preview(preview, job)
         with timer.stage("encoding"):
             _jpeg(codes)
         if i >= 0:
             seen.append((*timer.stages.values(), time.perf_counter() - began, preview))
     began = time.perf_counter()
-    shot = model.shot(values | choice_values("lens", LENS), model.initial_viewpoint, size)
-    while previewer(_camera(shot), rays) is None:
+    job = model.job(values | choice_values("lens", LENS), model.initial_viewpoint, size)
+    while previewer(_camera(job), rays) is None:
         time.sleep(0.01)
     lens = time.perf_counter() - began
-    render = Renderer(model.scene, options=shot.options, trace=shot.trace)
-    render(_camera(model.shot(values, model.initial_viewpoint, size)))
+    render = Renderer(model.scene, options=job.options, trace=job.trace)
+    render(_camera(model.job(values, model.initial_viewpoint, size)))
     began = time.perf_counter()
-    render(_camera(shot))
+    render(_camera(job))
     final = time.perf_counter() - began
     *stages, seconds = (
         float(np.median([one[j] for one in seen])) for j in range(len(PREVIEW_STAGES) + 1)
     )
     count = size[0] * size[1] * rays
     return record(
-        "view", effect="sketch", scene=scene, rays=count, samples=rays, k=shot.trace.k,
+        "view", effect="sketch", scene=scene, rays=count, samples=rays, k=job.trace.k,
         gaussians=sum(s.static.count + s.moving.count for s in previewer.scenes),
-        backend=backend(shot.trace.backend),
+        backend=backend(job.trace.backend),
         direction="forward", width=size[0], height=size[1], run_s_median=seconds,
         latency_s=seconds, lens_s=round(lens, 2), final_s=round(final, 2),
         **dict(zip(PREVIEW_STAGES, stages, strict=True)),
@@ -122,8 +122,8 @@ def _measured(
     )  # fmt: skip
 
 
-def _camera(shot: RenderJob) -> Camera:
-    return with_chromatic(shot.records[0].camera, shot.dataset.sensor.chromatic)
+def _camera(job: RenderJob) -> Camera:
+    return with_chromatic(job.records[0].camera, job.dataset.sensor.chromatic)
 
 
 def _jpeg(codes: np.ndarray) -> bytes:

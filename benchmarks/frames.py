@@ -30,7 +30,7 @@ class Bench(Renderer):
 
     def launch(self, camera: Camera) -> list[TracedPart]:
         """A frame's parts, under way on the device; whether lists were long enough is not asked."""
-        return self._begin(list(self._views.views([camera])), alone=True).parts
+        return self._begin(list(self._views.views([camera])), split_frame=True).parts
 
     def settled(self, camera: Camera) -> Frame:
         """A whole frame, after which lists have the sizes that it needs."""

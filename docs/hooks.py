@@ -19,7 +19,7 @@ BLOCK = re.compile(r"^```math\n(.*?)\n```$", re.M | re.S)
 INLINE = re.compile(r"\$`(.+?)`\$")
 # Pages and pictures of the repository that live beside what they are about.
 BESIDE = ("experiments/*/*.md", "experiments/*/*/*.md", "experiments/*/*.png", "benchmarks/**/*.md",
-          "benchmarks/figures/*.png", "gaussray/dataset/takes.md")  # fmt: skip
+          "benchmarks/figures/*.png", "gaussray/dataset/sample_manifest.md")  # fmt: skip
 # Files that pages link to and a site does not show: their names stay, without a link.
 SHOWN = {".md", ".png", ".js", ".css"}
 LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)#\s]+)(#[^)]*)?\)")

@@ -26,12 +26,12 @@ from gaussray.color import psnr_from_mse
 from gaussray.dataset.images import side_by_side, srgb_levels, write_image
 from gaussray.evaluate.masks import MotionMasks, view_levels
 from gaussray.evaluate.metrics import psnr, ssim
-from gaussray.evaluate.pipeline import scene_size
 from gaussray.reconstruct.checks.failed_fit import FailedFit
 from gaussray.reconstruct.options import ReconstructOptions
 from gaussray.render.options import RenderOptions
 from gaussray.render.renderer import Renderer
 from gaussray.runtime.devices import DevicesOptions, start_devices as start_devices
+from gaussray.scene.segmented import scene_size
 from gaussray.tracer.options import TraceOptions
 
 

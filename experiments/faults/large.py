@@ -56,8 +56,8 @@ def count(renderer: Renderer, camera: Camera) -> float:
     film = camera.film
     count = sum(scene.count for scene in renderer.scenes)
     rows, trace = strip_plan(film, renderer.options, renderer.trace, count)
-    batch = FrameBatch([view], True, rows, trace)
-    part, trace = renderer._part(0, batch)
+    batch = FrameBatch([view], True, rows, trace, view.layout)
+    part, trace, _ = renderer._part(0, batch)
     capacity = renderer._measure(batch, part, trace)
     settings = ProgramSettings(capacity, view.keys, renderer.options, trace, renderer.mesh)
     leaves, structure = renderer._flat[0]

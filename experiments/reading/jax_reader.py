@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaussray.capture.frames import read_image
-from gaussray.dataset.takes import read_frames
+from gaussray.dataset.sample_manifest import read_frames
 
 
 def batches(data: Path | str, size: int, key: jax.Array) -> Iterator[dict[str, jax.Array]]:

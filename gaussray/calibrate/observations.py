@@ -12,7 +12,7 @@ from gaussray.calibrate.parameters import Unknown
 from gaussray.calibrate.solver import Observation
 from gaussray.camera.lens import AbstractLens
 from gaussray.camera.shutter import time_window
-from gaussray.capture.capture import Capture, View
+from gaussray.capture.capture import Capture, View, evenly_spread
 from gaussray.capture.frames import read_encoded, visible_pixels
 from gaussray.color import srgb_decode
 from gaussray.scene.scene import Scene, key_count
@@ -32,8 +32,7 @@ def selected_views(capture: Capture, options: CalibrateOptions) -> tuple[str, li
     Raises:
         ValueError: An effect or camera is unknown, or no picture is chosen.
     """
-    groups = {"pinhole": capture.views, **capture.effects}
-    groups = {name: views for name, views in groups.items() if views}
+    groups = {name: views for name, views in capture.by_effect.items() if views}
     effect = options.effect or ("pinhole" if "pinhole" in groups else next(iter(groups)))
     if effect not in groups:
         raise ValueError(
@@ -48,10 +47,7 @@ def selected_views(capture: Capture, options: CalibrateOptions) -> tuple[str, li
     for name in options.cameras or cameras:
         views = [view for view in groups[effect] if view.camera_name == name]
         views = [view for view in views if options.split in ("all", view.split)]
-        if options.frames and len(views) > options.frames:
-            place = np.linspace(0, len(views) - 1, options.frames).round().astype(int)
-            views = [views[i] for i in place]
-        chosen += views
+        chosen += evenly_spread(views, options.frames) if options.frames else views
     if not chosen:
         raise ValueError(
             f"calibrate.split={options.split} and calibrate.cameras choose no picture of "

@@ -1,8 +1,9 @@
 """What a reader of captures returns: views (pictures with their cameras) and starting points."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 import jax
 import numpy as np
@@ -12,6 +13,9 @@ from gaussray.camera.lens import AbstractLens
 from gaussray.camera.trajectory import Trajectory
 from gaussray.capture.points import Points
 from gaussray.capture.stored_part import Window
+
+
+_T = TypeVar("_T")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -80,6 +84,39 @@ class Capture:
     points: Points | None
     time_range: tuple[float, float]
     time_unit: str
+
+    @property
+    def by_effect(self) -> dict[str, list[View]]:
+        """The views of each effect, those of `pinhole` first."""
+        return {"pinhole": self.views, **self.effects}
+
+    @property
+    def all_views(self) -> list[View]:
+        """The pinhole views, then those of all effects."""
+        return [view for views in self.by_effect.values() for view in views]
+
+    def with_views(self, change: Callable[[list[View]], list[View]]) -> "Capture":
+        """The capture with other views.
+
+        Args:
+            change: makes the new views from the pinhole views, and from those of each effect. An
+                effect that has none left is left out.
+        """
+        pinhole = change(self.views)
+        effects = {name: change(views) for name, views in self.effects.items()}
+        effects = {name: views for name, views in effects.items() if views}
+        return dataclasses.replace(self, views=pinhole, effects=effects)
+
+
+def evenly_spread(items: Sequence[_T], count: int) -> list[_T]:
+    """At most so many items at even distances, the first and the last included.
+
+    Args:
+        items: the items, in order.
+        count: the largest number of them.
+    """
+    indices = np.linspace(0, len(items) - 1, min(len(items), count)).round().astype(int)
+    return [items[i] for i in indices]
 
 
 def viewpoints(views: Sequence[View]) -> list[int]:

@@ -27,7 +27,7 @@ def with_clip_starts(capture: Capture, clip_start: float | None = None) -> Captu
         clip_start: of all cameras, in scene units, whatever the files say; None is what the files
             say, and 0 for other cameras of such files, or else that tenth.
     """
-    views = [*capture.views, *(view for some in capture.effects.values() for view in some)]
+    views = capture.all_views
     if clip_start is not None:
         clips = {view.camera_name: clip_start for view in views}
     elif any(view.camera.clip_start is not None for view in views):
@@ -46,16 +46,13 @@ def with_clip_starts(capture: Capture, clip_start: float | None = None) -> Captu
             made[key] = to_device(*key)
         return made[key]
 
-    def clipped(some: list[View]) -> list[View]:
-        return [
-            dataclasses.replace(v, camera=dataclasses.replace(v.camera, clip_start=start(v)))
-            if clip_start is not None or v.camera.clip_start is None
-            else v
-            for v in some
-        ]
+    def clipped(view: View) -> View:
+        if clip_start is None and view.camera.clip_start is not None:
+            return view
+        camera = dataclasses.replace(view.camera, clip_start=start(view))
+        return dataclasses.replace(view, camera=camera)
 
-    effects = {name: clipped(some) for name, some in capture.effects.items()}
-    return dataclasses.replace(capture, views=clipped(capture.views), effects=effects)
+    return capture.with_views(lambda views: [clipped(view) for view in views])
 
 
 def _from_distances(views: Sequence[View]) -> dict[str, float]:

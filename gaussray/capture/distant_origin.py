@@ -47,7 +47,7 @@ def read_near_origin(read: Callable[[], Capture]) -> Capture:
 
 def _place_among_cameras(capture: Capture) -> Float[np.ndarray, "3"] | None:
     """A round place among the cameras; None where the origin is near enough."""
-    views = [*capture.views, *(view for some in capture.effects.values() for view in some)]
+    views = capture.all_views
     if not views:
         return None
     eye = np.concatenate([np.asarray(view.camera.trajectory.translation) for view in views])

@@ -120,8 +120,7 @@ def open_capture(
     def with_background(views: list[View]) -> list[View]:
         return [dataclasses.replace(view, background=background) for view in views]
 
-    effects = {name: with_background(views) for name, views in capture.effects.items()}
-    capture = dataclasses.replace(capture, views=with_background(capture.views), effects=effects)
+    capture = capture.with_views(with_background)
     selection = selection or Selection()
     capture = selected(at_stored_sizes(capture), selection)
     capture = with_clip_starts(capture, selection.clip_start)

@@ -76,24 +76,21 @@ def selected(capture: Capture, selection: Selection) -> Capture:
         CaptureError: the capture does not have the times, box or cameras, or lacks pictures.
     """
     capture = _with_pictures(capture, selection.missing)
-    keep = _instants(capture, selection)
+    keep = _is_at_kept_time(capture, selection)
     made: dict[Any, Any] = {}
 
     def chosen(views: list[View]) -> list[View]:
-        return [_through(view, selection, made) for view in views if keep(view)]
+        return [_cropped_and_scaled(view, selection, made) for view in views if keep(view)]
 
-    views = _held_out(chosen(capture.views), selection)
-    effects = {name: chosen(some) for name, some in capture.effects.items()}
-    effects = {name: some for name, some in effects.items() if some}
-    times = [view.time for view in views or [view for some in effects.values() for view in some]]
-    return dataclasses.replace(
-        capture, views=views, effects=effects, time_range=(min(times), max(times))
-    )
+    capture = capture.with_views(chosen)
+    views = _held_out(capture.views, selection)
+    times = [view.time for view in views or capture.all_views]
+    return dataclasses.replace(capture, views=views, time_range=(min(times), max(times)))
 
 
 def _with_pictures(capture: Capture, missing: str) -> Capture:
     """The capture without the views whose pictures do not exist."""
-    every = [*capture.views, *(view for some in capture.effects.values() for view in some)]
+    every = capture.all_views
     absent = {id(view) for view in every if not picture_exists(view.image)}
     if not absent:
         return capture
@@ -103,22 +100,17 @@ def _with_pictures(capture: Capture, missing: str) -> Capture:
     )
     if missing == "error" or len(absent) == len(every):
         hint = absent_picture_hint(capture.folder, first.name)
-        raise CaptureError(f"{text}.{hint} Copy the pictures there, or remove the frames.")
+        raise CaptureError(f"{text}.{hint} Copy their own pictures there, or remove the frames.")
     warnings.warn(f"{text}; they are left out.", CaptureWarning, stacklevel=4)
 
-    def present(views: list[View]) -> list[View]:
-        return [view for view in views if id(view) not in absent]
-
-    effects = {name: present(views) for name, views in capture.effects.items()}
-    effects = {name: views for name, views in effects.items() if views}
-    return dataclasses.replace(capture, views=present(capture.views), effects=effects)
+    return capture.with_views(lambda views: [view for view in views if id(view) not in absent])
 
 
-def _instants(capture: Capture, selection: Selection) -> Callable[[View], bool]:
+def _is_at_kept_time(capture: Capture, selection: Selection) -> Callable[[View], bool]:
+    """Whether a view has one of the times that `Selection.frames` keeps."""
     if not selection.frames:
         return lambda view: True
-    listed = capture.views or [view for some in capture.effects.values() for view in some]
-    times = sorted({view.time for view in listed})
+    times = sorted({view.time for view in capture.views or capture.all_views})
     first, last, step = selection.frames
     ends = [place + len(times) if place < 0 else place for place in (first, last)]
     if not 0 <= ends[0] <= ends[1] < len(times):
@@ -129,13 +121,16 @@ def _instants(capture: Capture, selection: Selection) -> Callable[[View], bool]:
 
 
 def _held_out(views: list[View], selection: Selection) -> list[View]:
+    """The views, split into training and held-out cameras as `Selection.test` says."""
     if selection.test == ("auto",):
         return views
     names = list(dict.fromkeys(view.camera_name for view in views))
     for pattern in selection.test:
         if not any(fnmatchcase(name, pattern) for name in names):
             listed = ", ".join(names[:20]) + (", ..." if len(names) > 20 else "")
-            raise _error("test", f"a list of the capture's cameras ({listed})", selection.test)
+            rule = f"a list of the capture's cameras ({listed})"
+            whole = f" A pattern must match the whole name, such as '*{pattern.strip('*')}*'."
+            raise _error("test", rule, selection.test, whole)
     held = {n for n in names if any(fnmatchcase(n, pattern) for pattern in selection.test)}
     return [
         dataclasses.replace(view, split="test" if view.camera_name in held else "train")
@@ -143,8 +138,8 @@ def _held_out(views: list[View], selection: Selection) -> list[View]:
     ]
 
 
-def _through(view: View, selection: Selection, made: dict[Any, Any]) -> View:
-    """The view of the part and size that were chosen."""
+def _cropped_and_scaled(view: View, selection: Selection, made: dict[Any, Any]) -> View:
+    """The part of a view that `Selection.crop` says, at the size that `Selection.scale` says."""
     whole = (0, 0, view.width, view.height)
     box = selection.crop or whole
     left, top, width, height = box
@@ -161,6 +156,6 @@ def _whole(values: tuple, count: int) -> bool:
     return len(values) in (0, count) and all(type(value) is int for value in values)
 
 
-def _error(key: str, rule: str, value: Any) -> CaptureError:
+def _error(key: str, rule: str, value: Any, remedy: str = "") -> CaptureError:
     value = list(value) if isinstance(value, tuple) else value
-    return CaptureError(f"capture.{key} (truth_{key}) must be {rule}, got {value}.")
+    return CaptureError(f"capture.{key} (truth_{key}) must be {rule}, got {value}.{remedy}")

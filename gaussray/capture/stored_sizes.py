@@ -32,13 +32,11 @@ def at_stored_sizes(capture: Capture) -> Capture:
                     f"where the cameras say {said[0]} x {said[1]}; lenses and shutters are scaled "
                     "with them.",
                     CaptureWarning,
-                    stacklevel=4,
+                    stacklevel=6,
                 )
         return view if sizes[group] == said else _resized(view, sizes[group], made)
 
-    views = [fitting(view) for view in capture.views]
-    effects = {name: [fitting(view) for view in some] for name, some in capture.effects.items()}
-    return dataclasses.replace(capture, views=views, effects=effects)
+    return capture.with_views(lambda views: [fitting(view) for view in views])
 
 
 def _stored(view: View) -> tuple[int, int] | None:

@@ -30,7 +30,7 @@ def with_times_from_first(capture: Capture) -> Capture:
     Raises:
         CaptureError: so it is, and poses or focus follow times of their own.
     """
-    views = [*capture.views, *(view for some in capture.effects.values() for view in some)]
+    views = capture.all_views
     times = np.unique([view.time for view in views])
     first, span = capture.time_range[0], float(times[-1] - times[0])
     if len(times) < 2 or abs(first) <= span:
@@ -47,15 +47,8 @@ def with_times_from_first(capture: Capture) -> Capture:
         raise CaptureError(f"{told}. Subtract the first time from all: time, trajectory, focus.")
     warnings.warn(f"{told}: times are counted from the first one.", CaptureWarning, stacklevel=3)
 
-    def counted(some: list[View]) -> list[View]:
-        return [_counted_from(view, first) for view in some]
-
-    return dataclasses.replace(
-        capture,
-        views=counted(capture.views),
-        effects={name: counted(some) for name, some in capture.effects.items()},
-        time_range=(0.0, capture.time_range[1] - first),
-    )
+    capture = capture.with_views(lambda views: [_counted_from(view, first) for view in views])
+    return dataclasses.replace(capture, time_range=(0.0, capture.time_range[1] - first))
 
 
 def _follows_times(view: View) -> bool:

@@ -39,14 +39,13 @@ def _capture(path: str, node: Configuration, label: str, prefix: str = "") -> An
 
     fields = Selection.__dataclass_fields__.items()
     selection = Selection(**{n: field_value(f, value(n), f"{label}{n}") for n, f in fields})
-    file_format, background = (
+    format, background = (
         as_type(str, value(name), f"{label}{name}") for name in ("format", "background")
     )
-    return open_capture(path, file_format, background, selection=selection)
+    return open_capture(path, format, background, selection=selection)
 
 
 def _reconstruct(cfg: Configuration, devices: int | None) -> dict[str, Any]:
-    from gaussray.evaluate.pipeline import scene_size
     from gaussray.reconstruct.data.training_split import (
         demand_training_pictures,
         division_sentence,
@@ -54,6 +53,7 @@ def _reconstruct(cfg: Configuration, devices: int | None) -> dict[str, Any]:
     from gaussray.reconstruct.log import refuse
     from gaussray.reconstruct.pipeline import reconstruct
     from gaussray.reconstruct.same_capture import demand_same_capture
+    from gaussray.scene.segmented import scene_size
 
     chosen = reconstruct_options(cfg)
     capture = _capture(cfg.capture.path, cfg.capture, "capture.")
@@ -273,13 +273,9 @@ def _export(cfg: Configuration, devices: int | None) -> None:
             raise ValueError("format=ftgs holds all times: leave time and count out.")
         message = export_transients(scene, cfg.out, color=color, degree=degree)
     elif count:
-        message = export_sequence(
-            scene, cfg.out, count, color=color, degree=degree, file_format=kind
-        )
+        message = export_sequence(scene, cfg.out, count, color=color, degree=degree, format=kind)
     else:
-        _, message = export_model(
-            scene, cfg.out, time, color=color, degree=degree, file_format=kind
-        )
+        _, message = export_model(scene, cfg.out, time, color=color, degree=degree, format=kind)
     _say(f"{cfg.out}: {message}")
 
 

@@ -112,11 +112,11 @@ def _run(command: str, overrides: Sequence[str]) -> None:
     limit(build_options(Limits, cfg.limits))
     if command == "render" and cfg.dataset.count:
         from gaussray.config.samples import generate_dataset
-        from gaussray.dataset.takes import MANIFEST
+        from gaussray.dataset.sample_manifest import MANIFEST
 
         result = generate_dataset(cfg, overrides)
         if cfg.report and (Path(str(cfg.out)) / MANIFEST).is_file():
-            _write_report("takes", Path(str(cfg.out)), {})
+            _write_report("dataset", Path(str(cfg.out)), {})
         say(result, "result", verb=command, out=cfg.out)
         return
     if command == "view":

@@ -17,7 +17,7 @@ from gaussray.config.options import build_options
 from gaussray.config.run_folder import begin_run_folder
 from gaussray.config.yaml_files import to_plain
 from gaussray.dataset.layouts import LAYOUT_LABELS, write_layout
-from gaussray.dataset.takes import MANIFEST, write_takes
+from gaussray.dataset.sample_manifest import MANIFEST, write_sample_manifest
 from gaussray.io.safe.limits import Limits, limit
 from gaussray.render.job import RenderJob
 from gaussray.render.randomize.clearance import FreeSpace
@@ -83,7 +83,7 @@ def generate_dataset(cfg: Configuration, overrides: Sequence[str]) -> str:
         launch_jobs("render", overrides, jobs, functools.partial(render_shard, overrides))
         with contextlib.suppress(OSError):
             (out / "jobs").rmdir()  # which stays empty unless a cluster has left files
-        missing = write_takes(out, dataset.count)
+        missing = write_sample_manifest(out, dataset.count)
     else:
         missing = render_shard(overrides, cfg)
     if missing:

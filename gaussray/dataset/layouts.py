@@ -14,7 +14,7 @@ from gaussray.dataset.imagefolder import write_image_folder
 from gaussray.dataset.images import write_pixels
 from gaussray.dataset.optical_flow import write_flo, write_kitti_flow
 from gaussray.dataset.sample_files import SampleFiles
-from gaussray.dataset.takes import MANIFEST, read_frames
+from gaussray.dataset.sample_manifest import MANIFEST, read_frames
 from gaussray.geometry import BLENDER_AXES
 from gaussray.io.atomic import atomic_path
 from gaussray.io.safe.openimageio import oiio

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from gaussray.dataset.takes import MANIFEST, read_frames
+from gaussray.dataset.sample_manifest import MANIFEST, read_frames
 from gaussray.io.atomic import atomic_path
 from gaussray.io.safe.files import inside, opened
 
@@ -54,15 +54,15 @@ def pack(data: Path | str, out: Path | str, *, frames_per_tar: int = 1000) -> li
 
 def _with_keys(frames: Iterator[dict[str, Any]]) -> Iterator[tuple[str, dict[str, Any]]]:
     """Frames with their keys: index of the sample, and number of the frame in it."""
-    take, number = None, 0
+    index, number = None, 0
     for frame in frames:
-        number = number + 1 if frame["take"]["index"] == take else 0
-        take = frame["take"]["index"]
-        yield f"{take:06d}_{number:04d}", frame
+        number = number + 1 if frame["take"]["index"] == index else 0
+        index = frame["take"]["index"]
+        yield f"{index:06d}_{number:04d}", frame
 
 
 def _add(tar: tarfile.TarFile, data: Path, key: str, frame: Mapping[str, Any]) -> None:
-    take = {name: value for name, value in frame["take"].items() if name != "frames"}
+    sample = {name: value for name, value in frame["take"].items() if name != "frames"}
     named = {"": frame["file_path"], **frame.get("labels", {})}
     files: dict[str, bytes] = {}
     for name, path in named.items():
@@ -71,7 +71,7 @@ def _add(tar: tarfile.TarFile, data: Path, key: str, frame: Mapping[str, Any]) -
         source = inside(data, path, f"{data / MANIFEST}: {name or 'file_path'}")
         with opened(source) as file:
             files[f"{name}{source.suffix}".removeprefix(".")] = file.read()
-    files["json"] = json.dumps({**frame, "take": take}).encode()
+    files["json"] = json.dumps({**frame, "take": sample}).encode()
     for extension, content in files.items():
         member = tarfile.TarInfo(f"{key}.{extension}")
         if len(member.name.encode()) > tarfile.LENGTH_NAME:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from gaussray.dataset.layers import read_layers
-from gaussray.dataset.takes import MANIFEST
+from gaussray.dataset.sample_manifest import MANIFEST
 from gaussray.io.atomic import atomic_path
 from gaussray.io.safe.files import inside
 

@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float16, UInt8
 
 from gaussray.camera.camera import Camera
 from gaussray.camera.film import pixel_grid
-from gaussray.capture.capture import View, viewpoints
+from gaussray.capture.capture import View, evenly_spread, viewpoints
 from gaussray.capture.frames import read_encoded
 from gaussray.capture.temporal_median import differs, temporal_median
 
@@ -126,8 +126,7 @@ class MotionMasks:
 
     def _median_of(self, place: int) -> "_Still":
         group = self._views[place]
-        some = np.linspace(0, len(group) - 1, min(len(group), _MOST)).round().astype(int)
-        pictures = np.stack([view_levels(group[i]) for i in some])
+        pictures = np.stack([view_levels(view) for view in evenly_spread(group, _MOST)])
         # Medians of levels are multiples of one half.
         median = temporal_median(pictures).astype(np.float16)
         # What no picture exceeds, the lowest and the highest levels of all do not.

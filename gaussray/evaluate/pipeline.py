@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, UInt8
 
 from gaussray.camera.shutter import time_window
-from gaussray.capture.capture import Capture, View
+from gaussray.capture.capture import Capture, View, evenly_spread
 from gaussray.capture.picture_file import picture_size, read_levels
 from gaussray.dataset.images import contact_sheet, side_by_side, srgb_levels, write_image
 from gaussray.dataset.video import write_video
@@ -32,8 +32,8 @@ from gaussray.runtime.devices import cores, from_primary, is_primary
 from gaussray.runtime.lock import locks_output
 from gaussray.runtime.progress import Progress
 from gaussray.runtime.provenance import versions
-from gaussray.scene.scene import Scene, transient_count
-from gaussray.scene.segmented import Clip, segments_of
+from gaussray.scene.scene import Scene
+from gaussray.scene.segmented import Clip, scene_size
 from gaussray.tracer.options import TraceOptions
 
 
@@ -85,7 +85,7 @@ def evaluate(
     if not is_primary():
         return _shared_report(None)
     out, options, trace = Path(out), options or EvaluateOptions(), trace or TraceOptions()
-    groups = {"pinhole": truth.views, **truth.effects}
+    groups = truth.by_effect
     chosen = _chosen_views(truth.folder, groups, options)
     remove_partial_files(out, deep=True)
     evaluation = _Evaluation(out, truth, chosen, options, quiet)
@@ -157,7 +157,7 @@ class _Evaluation:
         self, effect: str, views: list[View], every_view: Sequence[View], renderer: Renderer
     ) -> None:
         """Score the views of an effect; `every_view` of it tells what moves."""
-        pixels, flicker = MotionMasks(every_view), Flicker()
+        masks, flicker = MotionMasks(every_view), Flicker()
         rows: list[dict[str, Any]] = []
         films: dict[str, list[Path]] = {}
 
@@ -165,7 +165,7 @@ class _Evaluation:
             row, real, ours = scored.row, scored.real, scored.ours
             rows.append(row)
             self.lines.append(_line(effect, view, row))
-            static = pixels.static(view)
+            static = masks.static(view)
             if static is not None:
                 mask = static & (True if scored.visible is None else scored.visible)
                 flicker.add(row["part"], view.camera_name, mask, real, ours)
@@ -181,10 +181,10 @@ class _Evaluation:
         # Pictures are rendered while nothing else runs, for their times are measured; then they are
         # scored side by side.
         with ThreadPoolExecutor(cores(), "evaluate") as threads:
-            for some, frames in _rendered(views, renderer):
-                pixels.find(some, threads)
-                score = partial(self._scored, pixels)
-                for view, scored in zip(some, threads.map(score, some, frames), strict=True):
+            for batch, frames in _rendered(views, renderer):
+                masks.find(batch, threads)
+                score = partial(self._scored, masks)
+                for view, scored in zip(batch, threads.map(score, batch, frames), strict=True):
                     add(view, scored)
         check_files_exist(self.out, self.written)
         for camera, files in films.items():
@@ -193,11 +193,11 @@ class _Evaluation:
         self.report["effects"][effect] = summary(rows, self.options.samples(effect), flicker)
         self.report["frames"] += len(views)
 
-    def _scored(self, pixels: MotionMasks, view: View, frame: Frame) -> _Scored:
+    def _scored(self, masks: MotionMasks, view: View, frame: Frame) -> _Scored:
         """A picture's scores."""
         ours, real = srgb_levels(frame.color), view_levels(view)
         visible = visible_mask(view.camera)
-        row = _score(real, ours, visible, pixels.moving(view, real))
+        row = _score(real, ours, visible, masks.moving(view, real))
         row |= {name: measure(real, ours) for name, measure in self.perceptual.items()}
         row["seconds"] = None if frame.compiled else frame.seconds
         row["part"] = _part(view, self.trained)
@@ -224,14 +224,14 @@ def _rendered(
     views: Sequence[View], renderer: Renderer
 ) -> Iterator[tuple[list[View], list[Frame]]]:
     """The views and their pictures, as many as are rendered within some seconds."""
-    some: list[View] = []
+    batch: list[View] = []
     frames: list[Frame] = []
     begun = time.monotonic()
     for k, view in enumerate(views, 1):
-        some, frames = [*some, view], [*frames, renderer(view.camera)]
-        if k == len(views) or len(some) == _AT_ONCE or time.monotonic() - begun > _SECONDS:
-            yield some, frames
-            some, frames, begun = [], [], time.monotonic()
+        batch, frames = [*batch, view], [*frames, renderer(view.camera)]
+        if k == len(views) or len(batch) == _AT_ONCE or time.monotonic() - begun > _SECONDS:
+            yield batch, frames
+            batch, frames, begun = [], [], time.monotonic()
 
 
 def _truth_and_ours(file: Path) -> UInt8[np.ndarray, "h w2 3"]:
@@ -273,10 +273,7 @@ def _shared_report(report: dict[str, Any] | None) -> dict[str, Any]:
 
 def _split_views(views: Sequence[View], options: EvaluateOptions) -> list[View]:
     selected = [v for v in views if options.split in ("all", v.split)]
-    if options.frames and len(selected) > options.frames:
-        place = np.linspace(0, len(selected) - 1, options.frames).round().astype(int)
-        selected = [selected[i] for i in place]
-    return selected
+    return evenly_spread(selected, options.frames) if options.frames else selected
 
 
 def _score(
@@ -301,15 +298,3 @@ def _part(view: View, trained: set[str]) -> str:
     if view.split == "train":
         return "train"
     return "held_out_times" if view.camera_name in trained else "held_out_cameras"
-
-
-def scene_size(scene: Scene | Clip) -> dict[str, int]:
-    """Number of Gaussians, of moving ones, and bytes of a scene, over all segments."""
-    size = sum(x.size * x.dtype.itemsize for x in jax.tree.leaves(scene))
-    parts = segments_of(scene)
-    moving = sum(part.moving.count for part in parts)
-    total, transient = sum(part.count for part in parts), sum(transient_count(x) for x in parts)
-    facts = {"gaussians": total, "moving": moving, "bytes": int(size)}
-    if transient:
-        facts["transient"] = transient
-    return facts | {"segments": len(parts)} if isinstance(scene, Clip) else facts

@@ -51,23 +51,35 @@ class TracedPart(NamedTuple):
 
 
 class FrameBatch:
-    """Frames under way: one whose rays are spread over the devices (`alone`), or one on each."""
+    """Frames that are being rendered: one on each device, or one whose rays the devices share.
+
+    Args:
+        views: the frames; they have one film, layout and segment, and one number of key states.
+        split_frame: whether the devices share one frame.
+        rows: number of rows that are traced at once.
+        trace: options of the tracer.
+        layout: layout of the cameras' numbers; None where cameras of any layout share a list
+            capacity.
+
+    Attributes:
+        parts: the parts of the frames, as they are begun.
+        capacity_key: batches with equal keys share a list capacity.
+    """
 
     def __init__(
         self,
         views: list[FrameView],
-        alone: bool,
+        split_frame: bool,
         rows: int,
         trace: TraceOptions,
         layout: CameraLayout | None,
     ):
-        self.views, self.alone, self.rows, self.trace = views, alone, rows, trace
+        self.views, self.split_frame, self.rows, self.trace = views, split_frame, rows, trace
         self.film, self.keys = views[0].camera.film, views[0].keys
         self.began, self.compiled = clock.monotonic(), False
         self.parts: list[TracedPart] = []
-        of = views[0].segment, views[0].share is None
-        # None where cameras of any layout share list sizes.
-        self.size = (self.film.width, rows, self.keys, layout, alone, *of)
+        segment = views[0].segment, views[0].share is None
+        self.capacity_key = (self.film.width, rows, self.keys, layout, split_frame, *segment)
 
     @property
     def in_flight(self) -> int:

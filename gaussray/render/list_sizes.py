@@ -10,6 +10,10 @@ from gaussray.tracer.options import TraceOptions, grid_levels
 from gaussray.tracer.traverse import Capacity
 
 
+# For programs that have not been measured.
+NO_LISTS = Capacity((), 0, 0)
+
+
 def default_capacity(part: Part, trace: TraceOptions, scene: Scene, dtype: DTypeLike) -> Capacity:
     """List sizes to start from.
 

@@ -137,11 +137,11 @@ class _PicturePrograms:
         self.lists = lists_program(trace, capacity, mesh, settings.quick)
         self.march = _march_program(trace, capacity.slots, mesh)
         self.add, self.mean = _add_program(mesh), _mean_program(mesh)
-        self._alone, self._samples = mesh is None or mesh.size == 1, samples
+        self._one_device, self._samples = mesh is None or mesh.size == 1, samples
 
     def expect(self, arguments: StageArguments) -> None:
         """Begin to compile all programs, or to read them, at the same time."""
-        if not self._alone:
+        if not self._one_device:
             return
         leaves, row, part = arguments
         camera = self.camera.expect(row, part, np.int32(0))

@@ -17,7 +17,9 @@ from gaussray.camera.camera import Camera, check_camera
 from gaussray.camera.rays import Rays
 from gaussray.camera.shutter import time_window
 from gaussray.io.validate import check_kind
-from gaussray.render.compiled import ProgramSettings, prepare_trace
+from gaussray.render.compiled import ProgramSettings
+from gaussray.render.list_sizes import NO_LISTS
+from gaussray.render.measured_capacity import single_program_capacity
 from gaussray.render.options import RenderOptions
 from gaussray.render.parts import Part, strip_part, strip_plan, strip_tops, whole_picture
 from gaussray.scene.scene import Scene, key_count, key_count_of
@@ -163,16 +165,11 @@ def _plan_of_camera(
     rows, trace = strip_plan(film, options, trace, scene.count)
     make = functools.partial(strip_part, rows=rows, top=0) if rows < film.height else whole_picture
     _, trace = make(film, trace=trace)
-    unknown = Plan(Capacity((), 0, 0), keys, rows, options, trace)
-    settings = ProgramSettings(unknown.capacity, keys if last > first else 1, options, trace, None)
-    sizes = [
-        measure(
-            *prepare_trace(scene, camera, shift_part(unknown.part(camera), top), settings=settings),
-            options=trace,
-        )
-        for top in strip_tops(film.height, rows)
-    ]
-    return dataclasses.replace(unknown, capacity=_largest(sizes))
+    unmeasured = Plan(NO_LISTS, keys, rows, options, trace)
+    settings = ProgramSettings(NO_LISTS, keys if last > first else 1, options, trace, None)
+    strips = [shift_part(unmeasured.part(camera), top) for top in strip_tops(film.height, rows)]
+    sizes = [single_program_capacity(scene, camera, x, settings=settings) for x in strips]
+    return dataclasses.replace(unmeasured, capacity=_largest(sizes))
 
 
 def _plan_of_rays(scene: Scene, rays: Rays, options: RenderOptions, trace: TraceOptions) -> Plan:

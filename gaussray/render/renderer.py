@@ -20,7 +20,7 @@ from jaxtyping import Array
 from gaussray.camera.camera import Camera
 from gaussray.io.plain_values import to_device
 from gaussray.io.validate import check_kind
-from gaussray.render.compiled import ProgramSettings, prepare_trace, render_frames, render_part
+from gaussray.render.compiled import ProgramSettings, render_frames, render_part
 from gaussray.render.frame import (
     DevelopedFrame,
     Frame as Frame,
@@ -37,7 +37,8 @@ from gaussray.render.frame_batch import (
     develop_frames,
     fetch_pictures,
 )
-from gaussray.render.list_sizes import default_capacity, enlarge_staged_capacity
+from gaussray.render.list_sizes import NO_LISTS, enlarge_staged_capacity
+from gaussray.render.measured_capacity import single_program_capacity, staged_capacity
 from gaussray.render.options import RenderOptions
 from gaussray.render.parts import (
     Part,
@@ -48,12 +49,12 @@ from gaussray.render.parts import (
     strip_tops,
     whole_picture,
 )
-from gaussray.render.picture_programs import measure_staged, render_staged, uses_stages
+from gaussray.render.picture_programs import render_staged, uses_stages
 from gaussray.render.views import FrameView, FrameViews, mark_single_batch
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import SCENE_RULE, Clip, segment_edges, segments_of
 from gaussray.scene.spare_rows import with_spare_rows
-from gaussray.tracer.measure import enlarged_capacity, measure
+from gaussray.tracer.measure import enlarged_capacity
 from gaussray.tracer.options import TraceOptions
 from gaussray.tracer.shard import mesh as device_mesh
 from gaussray.tracer.trace import Report
@@ -92,14 +93,16 @@ class Renderer:
         self.options = options or RenderOptions()
         self.trace = trace or TraceOptions()
         self.mesh = device_mesh(devices)
-        self._padded = [with_spare_rows(one) for one in self.scenes]
-        flat = [jax.tree.flatten(one) for one in self._padded]
+        self._padded = [with_spare_rows(scene) for scene in self.scenes]
+        flat = [jax.tree.flatten(scene) for scene in self._padded]
         self._flat = [(self._on_all_devices(leaves), structure) for leaves, structure in flat]
+        # By `FrameBatch.capacity_key`; threads that fetch pictures enlarge what was too short.
         self._capacity: dict[tuple, Capacity] = {}
+        self._enlarging = threading.Lock()
         self._staged = uses_stages(self.options, self.trace)
         self._parts: dict[tuple, PlacedPart] = {}
-        self._ready: set = set()
-        self._repairing = threading.Lock()
+        # Keys and capacities whose programs have been compiled.
+        self._compiled: set[tuple[tuple, Capacity]] = set()
         self._views = FrameViews(self.scenes, segment_edges(scene), self.options)
 
     def __call__(self, camera: Camera) -> Frame:
@@ -123,7 +126,9 @@ class Renderer:
     def _render_one(self, camera: Camera, batch: int | None = None) -> Frame:
         """One frame, of the plain samples or of a batch of them."""
         views = self._views.views([camera], batch)
-        return merge_segments([self._finish(self._begin([view], alone=True))[0] for view in views])
+        return merge_segments(
+            [self._finish(self._begin([view], split_frame=True))[0] for view in views]
+        )
 
     def render_frames(self, cameras: Iterable[Camera]) -> Iterator[Frame]:
         """Render many frames: each device renders one, and the next is begun before it is fetched.
@@ -184,7 +189,7 @@ class Renderer:
             for views, lone in mark_single_batch(
                 self._views.batches(self._views.views(cameras), self.mesh.size)
             ):
-                batch = self._begin(views, alone=self.mesh.size == 1 or lone)
+                batch = self._begin(views, split_frame=self.mesh.size == 1 or lone)
                 waiting.append((views, pool.submit(finish(batch))))
                 # After a compilation lists may turn out too short: better for one frame than eight.
                 while waiting and (len(waiting) > batch.in_flight or batch.compiled):
@@ -193,7 +198,7 @@ class Renderer:
             for begun, frames in waiting:
                 yield from zip(begun, frames.result(), strict=True)
 
-    def _begin(self, views: list[FrameView], *, alone: bool) -> FrameBatch:
+    def _begin(self, views: list[FrameView], *, split_frame: bool) -> FrameBatch:
         """Frames that are being rendered, in one part, in strips or in chunks of rows."""
         film = views[0].camera.film
         if views[0].keys:
@@ -202,7 +207,7 @@ class Renderer:
         else:
             rows, trace = min(self.options.chunk_rows, film.height), self.trace
         layout = None if self._staged else views[0].layout
-        batch = FrameBatch(views, alone, rows, trace, layout)
+        batch = FrameBatch(views, split_frame, rows, trace, layout)
         for top in strip_tops(film.height, rows):
             if batch.parts and jax.default_backend() == "cpu":
                 # Parts under way together share the cores' threads, where the sums over devices of
@@ -213,31 +218,31 @@ class Renderer:
 
     def _launch(self, batch: FrameBatch, top: int) -> tuple[PlacedPart, Array, Report]:
         """A part with its values and report, under way."""
-        size = batch.size
+        key = batch.capacity_key
         place = self._part(top, batch)
-        if size not in self._capacity:
-            self._capacity[size] = self._measure(batch, place.part, place.trace)
-        settings = self._settings(batch, place, self._capacity[size])
-        batch.compiled |= (size, settings.capacity) not in self._ready
-        self._ready.add((size, settings.capacity))
+        if key not in self._capacity:
+            self._capacity[key] = self._measure(batch, place.part, place.trace)
+        settings = self._settings(batch, place.trace, self._capacity[key])
+        batch.compiled |= (key, settings.capacity) not in self._compiled
+        self._compiled.add((key, settings.capacity))
         layout = batch.views[0].layout
         leaves, structure = self._flat[batch.views[0].segment]
         rows = self._rows(batch)
         if self._staged:
             return place, *render_staged(structure, layout, settings, (leaves, rows, place.part))
-        program = render_part if batch.alone else render_frames
+        program = render_part if batch.split_frame else render_frames
         return place, *program(structure, layout, settings)(leaves, rows, place.part)
 
     def _settings(
-        self, batch: FrameBatch, place: PlacedPart, capacity: Capacity
+        self, batch: FrameBatch, trace: TraceOptions, capacity: Capacity
     ) -> ProgramSettings:
-        return ProgramSettings(capacity, batch.keys, self.options, place.trace, self.mesh)
+        return ProgramSettings(capacity, batch.keys, self.options, trace, self.mesh)
 
     def _rows(self, batch: FrameBatch) -> np.ndarray:
         """The numbers of the camera of every device. A device without a frame of its own repeats
         the last."""
         rows = [view.row for view in batch.views]
-        if batch.alone and not self._staged:
+        if batch.split_frame and not self._staged:
             return rows[0]
         return np.stack(rows + rows[-1:] * (self.mesh.size - len(rows)))
 
@@ -247,10 +252,9 @@ class Renderer:
         pieces = []
         for top, place, values, report in batch.parts:
             while np.asarray(report.dropped).any():
-                sizes = report.largest_needed()
-                with self._repairing:
-                    current = self._capacity[batch.size]
-                    self._capacity[batch.size] = self._enlarged(current, sizes)
+                needed, key = report.largest_needed(), batch.capacity_key
+                with self._enlarging:
+                    self._capacity[key] = self._enlarged(self._capacity[key], needed)
                     _, values, report = self._launch(batch, top)
             pictures = [
                 x.reshape(batch.rows, film.width, 5) for x in fetch_pictures(values, place, count)
@@ -278,7 +282,8 @@ class Renderer:
     def _part(self, top: int, batch: FrameBatch) -> PlacedPart:
         """The part of a batch whose first row is `top`, on the devices."""
         film, trace = batch.film, batch.trace
-        key = film.width, film.height, top, batch.rows, batch.keys == 0, trace.levels, batch.alone
+        size = film.width, film.height, top, batch.rows
+        key = (*size, batch.keys == 0, trace.levels, batch.split_frame)
         if key not in self._parts:
             self._parts[key] = self._make_part(top, batch)
         place, view = self._parts[key], batch.views[0]
@@ -291,7 +296,7 @@ class Renderer:
         if not batch.keys:
             y, x = np.mgrid[top : top + batch.rows, : film.width]
             part, trace = pixels_part(film, (y * film.width + x).T.reshape(-1), trace, top)
-        elif self._staged and batch.alone and self.mesh.size > 1:
+        elif self._staged and batch.split_frame and self.mesh.size > 1:
             part, trace, slots = interleaved_parts(film, trace, self.mesh.size, batch.rows, top)
             part, slots = jax.device_put(part, self._split()), np.asarray(slots)
             return PlacedPart(part, trace, slots)
@@ -321,25 +326,15 @@ class Renderer:
         return jax.device_put(tree, NamedSharding(self.mesh, PartitionSpec()))
 
     def _measure(self, batch: FrameBatch, part: Part, trace: TraceOptions) -> Capacity:
-        scene = self._padded[batch.views[0].segment]
+        """The list capacity that a part of a batch needs."""
+        view, settings = batch.views[0], self._settings(batch, trace, NO_LISTS)
         if self._staged:
-            return self._first_sizes(batch, PlacedPart(part, trace), scene)
-        unknown = ProgramSettings(Capacity((), 0, 0), batch.keys, self.options, trace, None)
-        part = jax.device_get(part)
-        camera = batch.views[0].camera
-        motion, rays = prepare_trace(scene, camera, part, settings=unknown)
-        capacity = measure(motion, rays, options=trace)
-        return capacity_of_device(capacity, self.mesh.size if batch.alone else 1)
-
-    def _first_sizes(self, batch: FrameBatch, place: PlacedPart, scene: Scene) -> Capacity:
-        """Sizes that the first sample of a batch fits into, at least those of an ordinary scene."""
-        kind = batch.views[0].camera.time.dtype
-        usual = default_capacity(place.part, place.trace, scene, kind)
-        settings = self._settings(batch, place, usual)
-        leaves, structure = self._flat[batch.views[0].segment]
-        arguments = leaves, self._rows(batch), place.part
-        needed = measure_staged(structure, batch.views[0].layout, settings, arguments)
-        return enlarge_staged_capacity(usual, needed)
+            leaves, structure = self._flat[view.segment]
+            arguments, dtype = (leaves, self._rows(batch), part), view.camera.time.dtype
+            return staged_capacity(structure, view.layout, settings, arguments, dtype)
+        scene, part = self._padded[view.segment], jax.device_get(part)
+        capacity = single_program_capacity(scene, view.camera, part, settings=settings)
+        return capacity_of_device(capacity, self.mesh.size if batch.split_frame else 1)
 
     def _enlarged(self, capacity: Capacity, needed: list[int]) -> Capacity:
         """Sizes with room for what is needed."""

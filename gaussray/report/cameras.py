@@ -9,7 +9,7 @@ import numpy as np
 
 from gaussray.camera.camera import Camera
 from gaussray.camera.shutter import time_window
-from gaussray.capture.capture import Capture, View
+from gaussray.capture.capture import Capture, View, evenly_spread
 from gaussray.capture.frames import read_encoded
 from gaussray.capture.picture_file import read_stored
 from gaussray.dataset.images import srgb_levels
@@ -90,7 +90,7 @@ def picture_sequences(out: Path, groups: Mapping[str, Sequence[View]]) -> Sectio
         for view in views:
             sequences.setdefault(f"{effect} {view.camera_name}", []).append(view)
     chosen = {
-        name: _evenly_spread(sequences[name], _FRAMES) for name in list(sequences)[:_SEQUENCES]
+        name: evenly_spread(sequences[name], _FRAMES) for name in list(sequences)[:_SEQUENCES]
     }
     count = sum(map(len, chosen.values()))
     figures = [
@@ -161,11 +161,6 @@ def _spread(views: Sequence[View], split: str) -> list[View]:
     names = list(by_camera)
     names = names if len(names) < 2 else [names[0], names[-1]]
     return [by_camera[name][len(by_camera[name]) // 2] for name in names]
-
-
-def _evenly_spread(views: list[View], count: int) -> list[View]:
-    place = np.linspace(0, len(views) - 1, min(len(views), count)).round().astype(int)
-    return [views[i] for i in place]
 
 
 def screen_levels(path: Path, width: int, height: int) -> np.ndarray:

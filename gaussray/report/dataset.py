@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from gaussray.capture.capture import evenly_spread
 from gaussray.report.cameras import screen_levels
 from gaussray.report.chart import Curve, chart
 from gaussray.report.markup import Markup, tag
@@ -17,20 +18,21 @@ from gaussray.report.picture import BYTES, captioned_image
 # Samples whose first picture is shown, and keys whose distribution is drawn.
 SHOWN, DRAWN = 24, 12
 
-Takes = Sequence[Mapping[str, Any]]
+# Lines of a dataset's manifest, one for each sample (`sample_manifest.read_samples`).
+Samples = Sequence[Mapping[str, Any]]
 
 
-def dataset_summary(takes: Takes) -> Section:
+def dataset_summary(samples: Samples) -> Section:
     """Number of samples and frames, picture sizes, labels."""
-    frames = [frame for take in takes for frame in take["frames"]]
+    frames = [frame for sample in samples for frame in sample["frames"]]
     sizes = Counter(f"{frame['w']} x {frame['h']}" for frame in frames)
     rows = [
-        ("samples", f"{len(takes):,}", ""),
+        ("samples", f"{len(samples):,}", ""),
         ("frames", f"{len(frames):,}", ""),
         ("size", ", ".join(sorted(sizes)), "pixels"),
         (
             "redrawn",
-            str(sum(take["attempt"] > 0 for take in takes)),
+            str(sum(sample["attempt"] > 0 for sample in samples)),
             "samples whose first random camera was impossible",
         ),
     ]
@@ -39,36 +41,35 @@ def dataset_summary(takes: Takes) -> Section:
     return Section("Summary", [summary_tiles(rows)])
 
 
-def sample_pictures(out: Path, takes: Takes) -> Section:
+def sample_pictures(out: Path, samples: Samples) -> Section:
     """The first picture of samples spread over the dataset.
 
     Args:
         out: folder of the dataset.
-        takes: lines of the dataset's manifest, one for each sample (`dataset.takes.read_takes`).
+        samples: lines of its manifest.
     """
-    place = np.linspace(0, len(takes) - 1, min(len(takes), SHOWN)).round().astype(int)
-    samples = []
-    for i in place:
-        take = takes[i]
-        frame = take["frames"][0]
-        path = out / take["folder"] / frame["file_path"]
+    shown = evenly_spread(samples, SHOWN)
+    pictures = []
+    for sample in shown:
+        frame = sample["frames"][0]
+        path = out / sample["folder"] / frame["file_path"]
         effect = frame.get("effect", "pinhole").replace("_", " ")
-        name = f"{take['index']} · {effect}"
-        samples.append(
+        name = f"{sample['index']} · {effect}"
+        pictures.append(
             captioned_image(
-                screen_levels(path, frame["w"], frame["h"]), name, most=BYTES // len(place)
+                screen_levels(path, frame["w"], frame["h"]), name, most=BYTES // len(shown)
             )
         )
-    words = f"The first frame of {len(place)} of {len(takes)} samples, with the sample's index."
-    return Section("Pictures", [tag("div", samples, class_="grid third"), note(words)])
+    words = f"The first frame of {len(shown)} of {len(samples)} samples, with the sample's index."
+    return Section("Pictures", [tag("div", pictures, class_="grid third"), note(words)])
 
 
-def distribution_section(takes: Takes) -> Section | None:
+def distribution_section(samples: Samples) -> Section | None:
     """Table and curves of the values of every randomized key."""
-    keys = [key for key in takes[0]["drawn"] if not key.endswith("seed")]
+    keys = [key for key in samples[0]["drawn"] if not key.endswith("seed")]
     rows, curves = [], []
     for key in keys:
-        values = [take["drawn"][key] for take in takes if key in take["drawn"]]
+        values = [sample["drawn"][key] for sample in samples if key in sample["drawn"]]
         if all(isinstance(x, int | float) and not isinstance(x, bool) for x in values):
             rows.append((key, *(f"{np.quantile(values, q):.4g}" for q in (0, 0.25, 0.5, 0.75, 1))))
             curves.append(_cumulative(key, values))

@@ -77,7 +77,7 @@ def ray_drawing(title: str, camera: Camera) -> Markup:
     length = 1.7 * focus if blurs else 1.0
     columns = np.linspace(0.04, 0.96, _BEAMS if blurs else _FAN)
     lens = np.linspace(0.02, 0.98, _SPREAD) if blurs else np.array([0.5])
-    origin, direction = _rays(camera, columns, lens)
+    origin, direction = drawn_rays(camera, columns, lens)
     begin, end = origin[..., [0, 2]], (origin + length * direction)[..., [0, 2]]
     corners = np.concatenate([begin.reshape(-1, 2), end.reshape(-1, 2), [[0, 0]]])
     place = _fit_to_drawing(corners, _HEIGHT - 30)
@@ -182,11 +182,17 @@ def _at_one_instant(camera: Camera) -> Camera:
     return dataclasses.replace(camera, aperture=focused(camera.aperture, camera.time))
 
 
-def _rays(
+def drawn_rays(
     camera: Camera, columns: np.ndarray, lens: np.ndarray
 ) -> tuple[Float[np.ndarray, "rays lens 3"], Float[np.ndarray, "rays lens 3"]]:
-    """Origins and directions, in camera axes, of rays of the middle row at these fractions of the
-    picture's width and of the aperture's width."""
+    """Origins and directions of rays of the picture's middle row, in camera axes; those that the
+    lens does not form are left out.
+
+    Args:
+        camera: the camera, at its frame's time.
+        columns: places in the row, as fractions of the picture's width.
+        lens: places in the aperture, as fractions of its width.
+    """
     film = camera.film
     pixel = np.stack([columns * film.width, np.full_like(columns, film.height / 2)], axis=-1)
     if not float(camera.aperture.radius):
@@ -217,7 +223,7 @@ _traced, _passed = KeptProgram(_trace, ()), KeptProgram(_pass, ())
 
 def _focus_surface(camera: Camera, focus: float) -> Float[np.ndarray, "points 2"]:
     """The points in focus, seen from above: a line or an arc."""
-    _, direction = _rays(camera, np.linspace(0.02, 0.98, 41), np.array([0.5]))
+    _, direction = drawn_rays(camera, np.linspace(0.02, 0.98, 41), np.array([0.5]))
     direction = direction[:, 0]
     if camera.aperture.focus == "plane":
         return (focus * direction / np.maximum(direction[:, 2:], 1e-3))[:, [0, 2]]

@@ -48,7 +48,7 @@ def camera_views(
     poses = [_pose(view.camera) for view in selected]
     eye = np.array([place for place, _ in poses])
     turn = np.array([axes for _, axes in poses])
-    right, up, toward = _basis(turn)
+    right, up, toward = drawing_axes(turn)
     points, tone = _dots(scene)
     drawings = []
     for title, across, upward in (
@@ -71,7 +71,7 @@ def _pose(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     return np.asarray(place, float), np.asarray(turn, float)
 
 
-def _basis(turn: Float[np.ndarray, "views 3 3"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def drawing_axes(turn: Float[np.ndarray, "views 3 3"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Right, up and forward axes of the drawing; up is the mean up direction of the cameras."""
     up = -turn[:, :, 1].mean(axis=0)
     up = up / np.linalg.norm(up) if np.linalg.norm(up) > 1e-3 else np.array([0.0, 0.0, 1.0])

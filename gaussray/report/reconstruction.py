@@ -32,11 +32,11 @@ def training_curves(out: Path) -> Section | None:
     log = json_lines(out / "metrics.jsonl")
     if not log:
         return None
-    step, borders = _steps(log)
+    step, borders = step_numbers(log)
     psnr = Curve("training rays", step, _column(log, "psnr"))
     names = [name for line in log for name in line if name not in _OTHER]
     terms = [Curve(TERMS.get(n, n), step, _column(log, n)) for n in dict.fromkeys(names)]
-    pace, at = _pace(log, step)
+    pace, at = milliseconds_per_step(log, step)
     count = Curve("Gaussians", step, _column(log, "gaussians"))
     changes = np.ptp(count.y[np.isfinite(count.y)]) if np.isfinite(count.y).any() else 0
     drawn = [
@@ -73,12 +73,12 @@ def training_psnr(out: Path) -> float | None:
 def pruning(report: dict[str, Any]) -> Section | None:
     """What pruning removed from the scene, what it kept, and the PSNR that each removal costs."""
     body: list[Markup] = []
-    for i, one in enumerate(report.get("segments", [report]), 1):
-        if "steps" not in one:
+    for i, segment in enumerate(report.get("segments", [report]), 1):
+        if "steps" not in segment:
             continue
         several = len(report.get("segments", [])) > 1
         body += [tag("h3", f"segment {i}")] if several else []
-        before, after = one["before"], one["after"]
+        before, after = segment["before"], segment["after"]
         body.append(html_table(
             ("", "before", "after"),
             [(_WORDS.get(name, name), _figure(x), _figure(after.get(name)))
@@ -86,7 +86,8 @@ def pruning(report: dict[str, Any]) -> Section | None:
         ))  # fmt: skip
         body.append(html_table(
             ("candidate", "removed", "PSNR loss (dB)"),
-            [(s["step"], "yes" if s["taken"] else "no", f"{s['loss']:.4f}") for s in one["steps"]],
+            [(s["step"], "yes" if s["taken"] else "no", f"{s['loss']:.4f}")
+             for s in segment["steps"]],
         ))  # fmt: skip
     words = "A candidate is removed if the PSNR of training rays falls by at most prune.loss dB."
     return Section("Pruning", [*body, note(words)]) if body else None
@@ -114,7 +115,7 @@ def _stage(line: dict[str, Any]) -> str:
     return f"{part}{line['stage']}"
 
 
-def _steps(log: list[dict[str, Any]]) -> tuple[np.ndarray, list[tuple[float, str]]]:
+def step_numbers(log: list[dict[str, Any]]) -> tuple[np.ndarray, list[tuple[float, str]]]:
     """Step numbers counted through all stages, and the (step, name) at which each stage begins."""
     steps, borders, before, last, stage = [], [], 0, 0, None
     for line in log:
@@ -131,8 +132,15 @@ def _column(log: list[dict[str, Any]], name: str) -> np.ndarray:
     return np.array([np.nan if value is None else value for value in values], float)
 
 
-def _pace(log: list[dict[str, Any]], step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Milliseconds per step between consecutive log lines of a stage, and their steps."""
+def milliseconds_per_step(
+    log: list[dict[str, Any]], step: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Milliseconds per step between consecutive log lines of a stage, and their steps.
+
+    Args:
+        log: lines of metrics.jsonl.
+        step: number of the step of each line (`step_numbers`).
+    """
     seconds = _column(log, "seconds")
     same = np.array([_stage(a) == _stage(b) for a, b in zip(log, log[1:], strict=False)], bool)
     spent, done = np.diff(seconds), np.diff(step)

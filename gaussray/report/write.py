@@ -8,7 +8,7 @@ import numpy as np
 from gaussray.capture.capture import Capture, View
 from gaussray.capture.formats.paired import read_cameras, read_capture
 from gaussray.capture.formats.transforms import PINHOLE_FILE, effect_file
-from gaussray.dataset.takes import read_takes
+from gaussray.dataset.sample_manifest import read_samples
 from gaussray.io.atomic import atomic_path
 from gaussray.report import calibration, cameras, dataset, evaluation, reconstruction
 from gaussray.report.markup import Markup
@@ -26,7 +26,7 @@ TITLES = {
     "reconstruct": "Reconstruction",
     "evaluate": "Evaluation",
     "render": "Pictures",
-    "takes": "Dataset",
+    "dataset": "Dataset",
     "calibrate": "Calibration",
     "prepare": "Prepared capture",
 }
@@ -38,7 +38,8 @@ def write_page(
     """Write report.html into the output folder of a run.
 
     Args:
-        command: a subcommand of `TITLES`, such as `reconstruct`; `takes` is a generated dataset.
+        command: a subcommand of `TITLES`, such as `reconstruct`; `dataset` is one that
+            `render` has generated (`dataset.count`).
         out: the run's output folder, with the files that the subcommand has written.
         scene: the scene that was reconstructed or scored, for drawings and sample pictures.
         capture: the capture that it was trained on or compared with.
@@ -106,11 +107,11 @@ def _render_sections(out: Path, scene: Scene | Clip | None, capture: Capture | N
 
 
 def _dataset_sections(out: Path, scene: Scene | Clip | None, capture: Capture | None) -> _Sections:
-    takes = list(read_takes(out))
+    samples = list(read_samples(out))
     return [
-        dataset.dataset_summary(takes),
-        dataset.sample_pictures(out, takes),
-        dataset.distribution_section(takes),
+        dataset.dataset_summary(samples),
+        dataset.sample_pictures(out, samples),
+        dataset.distribution_section(samples),
         how_to_reproduce(out, []),
     ]
 
@@ -153,7 +154,7 @@ _SECTIONS = {
     "reconstruct": _reconstruct_sections,
     "evaluate": _evaluate_sections,
     "render": _render_sections,
-    "takes": _dataset_sections,
+    "dataset": _dataset_sections,
     "calibrate": _calibrate_sections,
     "prepare": _prepare_sections,
 }
@@ -207,8 +208,8 @@ def _groups(capture: Capture | None, names: list[str] | None) -> dict[str, list[
     """The views of each effect, or of the named ones."""
     if capture is None:
         return {}
-    groups = {"pinhole": capture.views, **capture.effects}
-    return {n: views for n, views in groups.items() if views and (names is None or n in names)}
+    groups = capture.by_effect.items()
+    return {n: views for n, views in groups if views and (names is None or n in names)}
 
 
 def _first_of_each(views: list[View]) -> list[View]:

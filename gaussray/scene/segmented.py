@@ -1,11 +1,12 @@
 """Long scenes: segments of time, each a scene of its own."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from gaussray.scene.scene import Scene
+from gaussray.scene.scene import Scene, transient_count
 
 
 # What a scene must be, where it is none, for messages.
@@ -63,3 +64,15 @@ def segment_at(scene: Scene | Clip, time: float) -> Scene:
         time: any time, in the capture's unit; where two segments meet the later one shows it.
     """
     return segments_of(scene)[int(np.searchsorted(segment_edges(scene), time, side="right"))]
+
+
+def scene_size(scene: Scene | Clip) -> dict[str, int]:
+    """Number of Gaussians, of moving ones, and bytes of a scene, over all segments."""
+    size = sum(x.size * x.dtype.itemsize for x in jax.tree.leaves(scene))
+    parts = segments_of(scene)
+    moving = sum(part.moving.count for part in parts)
+    total, transient = sum(part.count for part in parts), sum(transient_count(x) for x in parts)
+    facts = {"gaussians": total, "moving": moving, "bytes": int(size)}
+    if transient:
+        facts["transient"] = transient
+    return facts | {"segments": len(parts)} if isinstance(scene, Clip) else facts

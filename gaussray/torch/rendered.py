@@ -16,7 +16,7 @@ from gaussray.camera.camera import Camera, with_chromatic
 from gaussray.config.compose import compose_config
 from gaussray.config.samples import SampleSource, sample_source
 from gaussray.dataset.manifest import FrameRecord, camera_to_world
-from gaussray.dataset.takes import row_exposure_times
+from gaussray.dataset.sample_manifest import row_exposure_times
 from gaussray.render.aov.files import neighbour_cameras, with_label_files
 from gaussray.render.aov.labeller import INTEGER_LABELS, PICTURE_LABELS, Labeller
 from gaussray.render.dataset import check_dataset
@@ -37,7 +37,7 @@ from gaussray.torch.tensors import (
 )
 
 
-class _Shot(NamedTuple):
+class _FrameJob(NamedTuple):
     """A frame to render: its sample, the records of its pictures (its own, and those of the ground
     truth that is among the labels), and those of the frames before and after."""
 
@@ -95,9 +95,13 @@ class RenderedFrames(IterableDataset[Item]):
         return {name: value for name, value in vars(self).items() if name != "_source"}
 
     def __iter__(self) -> Iterator[Item]:
-        shots = (shot for index in self._indices() for shot in self._shots(index))
+        frame_jobs = (
+            frame_job for index in self._indices() for frame_job in self._frame_jobs(index)
+        )
         # Frames of one renderer are rendered ahead of the one that is read.
-        for _, group in itertools.groupby(shots, key=lambda shot: _renderer_key(shot.sample.job)):
+        for _, group in itertools.groupby(
+            frame_jobs, key=lambda frame_job: _renderer_key(frame_job.sample.job)
+        ):
             yield from self._items(group)
 
     def _indices(self) -> Iterable[int]:
@@ -108,7 +112,7 @@ class RenderedFrames(IterableDataset[Item]):
             return itertools.count(self.begin + first, step)
         return range(self.begin + first, self.begin + self.count, step)
 
-    def _shots(self, index: int) -> Iterator[_Shot]:
+    def _frame_jobs(self, index: int) -> Iterator[_FrameJob]:
         """The frames of a sample."""
         source, _ = self._source
         sample = draw_sample(index, source.distributions, source.make_job, options=source.options)
@@ -118,18 +122,18 @@ class RenderedFrames(IterableDataset[Item]):
         frames, count = records[: len(job.records)], len(job.records)
         near = neighbour_cameras(frames, job.dataset.interval)
         for i, record in enumerate(frames):
-            yield _Shot(sample, [record, *records[count + i :: count]], near[record.file_path])
+            yield _FrameJob(sample, [record, *records[count + i :: count]], near[record.file_path])
 
-    def _items(self, shots: Iterator[_Shot]) -> Iterator[Item]:
+    def _items(self, frame_jobs: Iterator[_FrameJob]) -> Iterator[Item]:
         """The items of frames that share a renderer."""
-        first, waiting = next(shots), deque[_Shot]()
+        first, waiting = next(frame_jobs), deque[_FrameJob]()
         renderer = self._source[1].renderer(first.sample.job)
 
         def cameras() -> Iterator[Camera]:
-            for shot in itertools.chain([first], shots):
-                waiting.append(shot)
-                sensor = shot.sample.job.dataset.sensor
-                for record in shot.records:
+            for frame_job in itertools.chain([first], frame_jobs):
+                waiting.append(frame_job)
+                sensor = frame_job.sample.job.dataset.sensor
+                for record in frame_job.records:
                     yield with_chromatic(record.camera, sensor_of(record, sensor).chromatic)
 
         job = first.sample.job
@@ -142,11 +146,11 @@ class RenderedFrames(IterableDataset[Item]):
             pictures = (frame.color for frame in renderer.render_frames(cameras()))
         labeller = _labeller(job)
         for light in pictures:
-            shot = waiting.popleft()
-            item = _item(shot, light)
-            for record in shot.records[1:]:
+            frame_job = waiting.popleft()
+            item = _item(frame_job, light)
+            for record in frame_job.records[1:]:
                 item[record.effect] = _light(record, next(pictures), job)
-            yield item | _labels(labeller, shot)
+            yield item | _labels(labeller, frame_job)
 
 
 def _one_segment(job: RenderJob) -> Scene:
@@ -170,17 +174,17 @@ def _renderer_key(job: RenderJob) -> tuple[Any, ...]:
     return id(job.scene), job.options, job.trace, tuple(job.dataset.labels)
 
 
-def _item(shot: _Shot, light: Array | np.ndarray) -> Item:
+def _item(frame_job: _FrameJob, light: Array | np.ndarray) -> Item:
     """The picture of a frame and what is known of its camera."""
-    record = shot.records[0]
+    record = frame_job.records[0]
     camera = record.camera
     size = camera.film.width, camera.film.height
     times = pixel_times(row_exposure_times(camera), camera.shutter.direction, size)
     return {
-        "light": _light(record, light, shot.sample.job),
+        "light": _light(record, light, frame_job.sample.job),
         **camera_tensors(camera_to_world(camera), float(camera.time), times),
-        "sample": torch.tensor(shot.sample.index),
-        "drawn": drawn_tensors(shot.sample.values),
+        "sample": torch.tensor(frame_job.sample.index),
+        "drawn": drawn_tensors(frame_job.sample.values),
     }
 
 
@@ -193,12 +197,12 @@ def _light(record: FrameRecord, light: Array | np.ndarray, job: RenderJob) -> to
     return channels_first(as_tensor(light))
 
 
-def _labels(labeller: Labeller | None, shot: _Shot) -> Item:
+def _labels(labeller: Labeller | None, frame_job: _FrameJob) -> Item:
     """The labels of a frame but its ground truth pictures."""
-    names = [name for name in shot.sample.job.dataset.labels if name not in PICTURE_LABELS]
+    names = [name for name in frame_job.sample.job.dataset.labels if name not in PICTURE_LABELS]
     if not names or labeller is None:
         return {}
-    before, after = shot.neighbours
-    values = labeller(shot.records[0].camera, names, before=before, after=after)
+    before, after = frame_job.neighbours
+    values = labeller(frame_job.records[0].camera, names, before=before, after=after)
     kinds = {name: np.int32 if name in INTEGER_LABELS else np.float32 for name in names}
     return {name: channels_first(as_tensor(x.astype(kinds[name]))) for name, x in values.items()}

@@ -10,7 +10,7 @@ from torch.utils.data import Dataset
 
 from gaussray.capture.frames import read_image
 from gaussray.dataset.layers import read_integers, read_layers
-from gaussray.dataset.takes import MANIFEST, read_frames
+from gaussray.dataset.sample_manifest import MANIFEST, read_frames
 from gaussray.io.safe.files import inside
 from gaussray.render.aov.files import LAYERS, SHARP
 from gaussray.render.aov.labeller import INTEGER_LABELS, PICTURE_LABELS, check_labels

@@ -16,15 +16,15 @@ from gaussray.render.job import RenderJob
 from gaussray.viewer.preview import Preview
 
 
-def develop_preview(preview: Preview, shot: RenderJob) -> UInt8[np.ndarray, "h w 3"]:
+def develop_preview(preview: Preview, job: RenderJob) -> UInt8[np.ndarray, "h w 3"]:
     """8-bit sRGB levels of a preview; up to rounding, those of the PNG that `render` writes.
 
     Args:
         preview: linear light of every pixel, rendered from the job's first record.
-        shot: the render job, with the camera and the sensor model to apply.
+        job: the render job, with the camera and the sensor model to apply.
     """
-    camera, sensor = shot.records[0].camera, shot.dataset.sensor
-    steps, *settings = _settings(sensor, shot.records[0].file_path.rsplit(".", 1)[0])
+    camera, sensor = job.records[0].camera, job.dataset.sensor
+    steps, *settings = _settings(sensor, job.records[0].file_path.rsplit(".", 1)[0])
     # Passing the camera takes time, so it is passed only where a step needs it.
     lens_camera = camera if steps.falloff or any(steps.vignetting) else None
     levels = _levels(

@@ -87,7 +87,7 @@ class ViewerModel:
         other_words = [word for word in words if not word.startswith("physical")]
         self._variations = Variations("view", other_words)
         self._configuration_for = functools.lru_cache(64)(self._compose)
-        self._shot_at_time = functools.lru_cache(256)(self._initial_shot)
+        self._job_at_time = functools.lru_cache(256)(self._initial_job)
 
     @property
     def size(self) -> tuple[int, int]:
@@ -123,7 +123,7 @@ class ViewerModel:
         instants = len({view.time for view in self.views})
         return first, last, max(instants - 1, 1) / self.fps
 
-    def shot(
+    def job(
         self, values: Mapping[str, Any], viewpoint: Viewpoint, size: tuple[int, int]
     ) -> RenderJob:
         """The render job of a viewpoint.
@@ -136,13 +136,13 @@ class ViewerModel:
         Raises:
             ValueError: No camera can have these values.
         """
-        shot = self._shot_at_time(_frozen(values), viewpoint.time, size)
-        (record,) = shot.records
+        job = self._job_at_time(_frozen(values), viewpoint.time, size)
+        (record,) = job.records
         # Only the trajectory depends on the pose, which the mouse changes all the time.
         camera = eqx.tree_at(lambda c: c.trajectory, record.camera, trajectory_at(viewpoint))
-        return shot._replace(records=[dataclasses.replace(record, camera=camera)])
+        return job._replace(records=[dataclasses.replace(record, camera=camera)])
 
-    def pinhole_shot(
+    def pinhole_job(
         self, values: Mapping[str, Any], viewpoint: Viewpoint, size: tuple[int, int]
     ) -> RenderJob:
         """The render job of a viewpoint for an ideal pinhole camera without a sensor model.
@@ -153,13 +153,13 @@ class ViewerModel:
             viewpoint: pose and time of the camera.
             size: width and height of the picture in pixels.
         """
-        return self.shot(pinhole_values(values, self.fov), viewpoint, size)
+        return self.job(pinhole_values(values, self.fov), viewpoint, size)
 
     def configuration(self, values: Mapping[str, Any]) -> Configuration:
         """The configuration with these control values; it is shared, so do not change it."""
         return self._configuration_for(_frozen(values))
 
-    def _initial_shot(self, items: FrozenValues, time: float, size: tuple[int, int]) -> RenderJob:
+    def _initial_job(self, items: FrozenValues, time: float, size: tuple[int, int]) -> RenderJob:
         """The render job at a time from the initial viewpoint."""
         view = view_at(self.first_view, self.initial_viewpoint._replace(time=time), size)
         return render_job(self._configuration_for(items), lambda _: self.scene, lambda *_: [view])

@@ -72,8 +72,8 @@ def save_preset(
     Returns:
         Path of preset.yaml.
     """
-    shot: RenderJob = model.shot(values, viewpoint, size or model.size)
-    record = dataclasses.replace(shot.records[0], file_path=PICTURE)
+    job: RenderJob = model.job(values, viewpoint, size or model.size)
+    record = dataclasses.replace(job.records[0], file_path=PICTURE)
     write_manifest(folder / CAMERA, [record], extra={"info": {"scene": str(model.source)}})
     config: Any = to_plain(model.configuration(values))
     blocks = {

@@ -16,20 +16,16 @@ from jaxtyping import Array, Float
 from gaussray.camera.camera import Camera
 from gaussray.camera.shutter import time_window
 from gaussray.render.camera_layout import CameraLayout, pack_camera
-from gaussray.render.compiled import ProgramSettings, prepare_trace, render_part, render_pieces
-from gaussray.render.list_sizes import default_capacity, enlarge_staged_capacity, round_capacity
+from gaussray.render.compiled import ProgramSettings, render_part, render_pieces
+from gaussray.render.list_sizes import NO_LISTS, round_capacity
+from gaussray.render.measured_capacity import single_program_capacity, staged_capacity
 from gaussray.render.options import RenderOptions
 from gaussray.render.parts import Part, interleaved_parts, pixels_part, whole_picture
-from gaussray.render.picture_programs import (
-    StageArguments,
-    measure_staged,
-    render_staged,
-    uses_stages,
-)
+from gaussray.render.picture_programs import StageArguments, render_staged, uses_stages
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip, segment_edges, segments_of
 from gaussray.scene.spare_rows import with_spare_rows
-from gaussray.tracer.measure import enlarged_capacity, measure
+from gaussray.tracer.measure import enlarged_capacity
 from gaussray.tracer.options import TraceOptions, grid_levels
 from gaussray.tracer.shard import mesh as device_mesh
 from gaussray.tracer.trace import Report
@@ -40,7 +36,6 @@ from gaussray.tracer.traverse import Capacity
 _HEADROOM = 2.0
 # A picture with up to this many times the pixels of another takes over the length of its lists.
 _NEAR = 5.0
-_NO_LISTS = Capacity((), 0, 0)
 
 
 class Preview(NamedTuple):
@@ -101,8 +96,8 @@ class PreviewRenderer:
         self._staged = uses_stages(self._like, trace)
         self._mesh = device_mesh(None if jax.default_backend() == "cpu" else 1)
         self._flat = [jax.tree.flatten(jax.tree.map(jax.numpy.asarray, s)) for s in self.scenes]
-        alone = self._mesh.size == 1
-        self._shared = [] if alone else [self._on_all_devices(leaves) for leaves, _ in self._flat]
+        several = self._mesh.size > 1
+        self._shared = [self._on_all_devices(leaves) for leaves, _ in self._flat if several]
         self._programs: dict[_Key, _Program] = {}
         self._queued: set[_Key] = set()
         self._lock = threading.Condition()
@@ -202,10 +197,10 @@ class PreviewRenderer:
 
     def _arguments(self, key: _Key, picture: _Picture, row: np.ndarray) -> StageArguments:
         """Leaves of the scene, numbers of the camera, and part, on the devices that render."""
-        alone = picture.place is None
-        leaves = self._flat[key.segment][0] if alone else self._shared[key.segment]
+        one_device = picture.place is None
+        leaves = self._flat[key.segment][0] if one_device else self._shared[key.segment]
         if self._staged:
-            row = np.tile(row, (1 if alone else self._mesh.size, 1))
+            row = np.tile(row, (1 if one_device else self._mesh.size, 1))
         return leaves, row, picture.part
 
     def _on_all_devices(self, tree):
@@ -277,20 +272,17 @@ class PreviewRenderer:
 
     def _measure_capacity(self, key: _Key, camera: Camera, picture: _Picture) -> Capacity:
         """The list capacity that a camera needs."""
-        scene, place = self.scenes[key.segment], picture.place
+        part, settings = picture.part, self._settings(key, picture, NO_LISTS)
         if self._staged:
-            usual = default_capacity(picture.part, picture.trace, scene, camera.time.dtype)
-            settings = self._settings(key, picture, usual)
+            structure = self._flat[key.segment][1]
             row = pack_camera(jax.device_get(camera))[0]
             arguments = self._arguments(key, picture, row)
-            needed = measure_staged(self._flat[key.segment][1], key.layout, settings, arguments)
-            return enlarge_staged_capacity(usual, needed)
-        settings = dataclasses.replace(self._settings(key, picture, _NO_LISTS), mesh=None)
-        part = picture.part
-        if place is not None:
+            return staged_capacity(structure, key.layout, settings, arguments, camera.time.dtype)
+        if picture.place is not None:
             part = jax.tree.map(lambda x: x[0], jax.device_get(part))
-        motion, rays = prepare_trace(scene, camera, part, settings=settings)
-        return measure(motion, rays, options=picture.trace, headroom=_HEADROOM)
+        return single_program_capacity(
+            self.scenes[key.segment], camera, part, settings=settings, headroom=_HEADROOM
+        )
 
     def _settings(self, key: _Key, picture: _Picture, capacity: Capacity) -> ProgramSettings:
         options = dataclasses.replace(self._like, samples=key.samples)

@@ -43,10 +43,10 @@ class Server:
 
         from gaussray.viewer.page import Page
 
-        shot = model.shot(model.initial_values, model.initial_viewpoint, model.size)
+        job = model.job(model.initial_values, model.initial_viewpoint, model.size)
         options = model.options
         self.previewer = PreviewRenderer(
-            model.scene, options=shot.options, trace=shot.trace, keys=options.keys
+            model.scene, options=job.options, trace=job.trace, keys=options.keys
         )
         position, color = overlay_points(model.scene, model.cameras)
         scale = subject_distance(model.scene, model.initial_viewpoint)

@@ -96,7 +96,7 @@ class ViewerSession:
         for pane in self._panes(request):
             pixel = pane.pixel(position, self.model.size)
             if pixel is not None:
-                camera = self._shot(request, pane, self.model.size).records[0].camera
+                camera = self._job(request, pane, self.model.size).records[0].camera
                 return clicked_focus_distance(self.previewer, camera, pixel)
         return None
 
@@ -159,13 +159,13 @@ class ViewerSession:
         self._timer.begin()
         pictures, hits, dropped, used = [], 0, 0, 0
         for pane in rays:
-            shot = self._shot(request, pane, size)
-            count = rays[pane] if self.previewer.has(_camera(shot), rays[pane]) else 1
+            job = self._job(request, pane, size)
+            count = rays[pane] if self.previewer.has(_camera(job), rays[pane]) else 1
             with self._timer.stage("tracing"):
-                preview = self.previewer(_camera(shot), count)
+                preview = self.previewer(_camera(job), count)
             assert preview is not None
             with self._timer.stage("developing"):
-                pictures.append((pane, develop_preview(preview, shot)))
+                pictures.append((pane, develop_preview(preview, job)))
             hits, dropped, used = hits + preview.hits, dropped + preview.dropped, used + count
         self._put(request, pictures, self._timer, False)
         stages, pixels = dict(self._timer.stages), size[0] * size[1]
@@ -183,14 +183,14 @@ class ViewerSession:
         for pane in self._panes(request):
             if self._request is not request:
                 return False
-            shot = self._shot(request, pane, request.size or self.model.size)
+            job = self._job(request, pane, request.size or self.model.size)
             begin = clock.monotonic()
-            frame = self._renderer(shot)(_camera(shot))
+            frame = self._renderer(job)(_camera(job))
             stage = "compiling and tracing" if frame.compiled else "tracing"
             timer.stages[stage] = timer.stages.get(stage, 0) + 1000 * (clock.monotonic() - begin)
             with timer.stage("developing"):
                 pictures.append(
-                    (pane, picture_levels(shot.records[0], frame.color, shot.dataset.sensor))
+                    (pane, picture_levels(job.records[0], frame.color, job.dataset.sensor))
                 )
             hits += frame.hits / (frame.color[..., 0].size * frame.samples)
             rays += frame.samples
@@ -200,13 +200,11 @@ class ViewerSession:
             self._compile_likely_next(request)
         return True
 
-    def _renderer(self, shot: RenderJob) -> Renderer:
+    def _renderer(self, job: RenderJob) -> Renderer:
         """The renderer for a job's settings; kept, so that its lists are measured once."""
-        key = shot.options, shot.trace
+        key = job.options, job.trace
         if key not in self._renderers:
-            self._renderers[key] = Renderer(
-                self.model.scene, options=shot.options, trace=shot.trace
-            )
+            self._renderers[key] = Renderer(self.model.scene, options=job.options, trace=job.trace)
         return self._renderers[key]
 
     def _put(
@@ -233,8 +231,8 @@ class ViewerSession:
         (pane,) = self._panes(blurred)
         count = self._rays(blurred, pane)
         size = self.size_controller.size(count)
-        self.previewer.prepare(_camera(self._shot(blurred, pane, size)), count)
-        camera = self._shot(blurred, pane, self.model.size).records[0].camera
+        self.previewer.prepare(_camera(self._job(blurred, pane, size)), count)
+        camera = self._job(blurred, pane, self.model.size).records[0].camera
         self.previewer.prepare(without_aperture(camera), 1, probe=True)
 
     @property
@@ -249,7 +247,7 @@ class ViewerSession:
         smaller = [size for size in self.size_controller.sizes if size[0] <= largest[0]][::-1]
         for fewest in (False, True):
             for size in smaller:
-                cameras = {pane: _camera(self._shot(request, pane, size)) for pane in rays}
+                cameras = {pane: _camera(self._job(request, pane, size)) for pane in rays}
                 counts = {pane: 1 if fewest else count for pane, count in rays.items()}
                 if all(self.previewer.has(cameras[pane], counts[pane]) for pane in rays):
                     return size
@@ -269,10 +267,10 @@ class ViewerSession:
         width, height = self.model.size
         return panes(request.layout, request.window, width / height, request.split)
 
-    def _shot(self, request: RenderRequest, pane: Pane, size: tuple[int, int]) -> RenderJob:
-        make = self.model.pinhole_shot if pane.name == "pinhole" else self.model.shot
+    def _job(self, request: RenderRequest, pane: Pane, size: tuple[int, int]) -> RenderJob:
+        make = self.model.pinhole_job if pane.name == "pinhole" else self.model.job
         return make(request.values, request.viewpoint, size)
 
 
-def _camera(shot: RenderJob) -> Camera:
-    return with_chromatic(shot.records[0].camera, shot.dataset.sensor.chromatic)
+def _camera(job: RenderJob) -> Camera:
+    return with_chromatic(job.records[0].camera, job.dataset.sensor.chromatic)

@@ -272,7 +272,7 @@ def test_a_background_that_there_is_not_lists_those_that_are(folder):
         ("capture.scale=half", "capture.scale must be a number, got 'half'"),
         ("capture.crop=8", "capture.crop must be a list, got 8"),
         ("capture.frames=[0,1.5,1]", "three whole numbers: first, last, step"),
-        ("capture.test=[cam7]", "a list of the capture's cameras (c), got ['cam7']"),
+        ("capture.test=[cam7]", "a list of the capture's cameras (c), got ['cam7']. A pattern"),
     ],
 )
 @pytest.mark.filterwarnings("ignore::gaussray.capture.errors.CaptureWarning")

@@ -481,6 +481,28 @@ def test_a_project_of_colmap_opens_at_its_undistorted_pictures(tmp_path):
     assert view.image == (tmp_path / "dense/0/images/a.png").resolve()
 
 
+@pytest.mark.filterwarnings("ignore:.*no camera has a folder")
+@pytest.mark.parametrize(
+    ("stored", "opened"),
+    [
+        (["dense/0/images/a.png"], "dense/0/images/a.png"),
+        (["images/a.png", "dense/0/images/a.png"], "images/a.png"),
+        (["images/other.png", "dense/0/images/a.png"], "dense/0/images/a.png"),
+    ],
+)
+def test_of_the_models_of_a_project_that_with_pictures_is_opened(tmp_path, stored, opened):
+    for place in ("sparse/0", "dense/0/sparse"):
+        folder = tmp_path / place
+        folder.mkdir(parents=True)
+        (folder / "cameras.txt").write_text(f"1 PINHOLE {W} {H} 20 20 12 8\n")
+        (folder / "images.txt").write_text("1 1 0 0 0 0 0 0 1 a.png\n\n")
+    for name in stored:
+        picture(tmp_path / name)
+    assert format_of(tmp_path) == "colmap"
+    (view,) = open_capture(tmp_path).views
+    assert view.image == (tmp_path / opened).resolve()
+
+
 @pytest.mark.parametrize("text", ['{"frames": 120}', '{"frames": [{"frame": 0}]}', "{,}", "[1]"])
 def test_json_files_of_other_programs_make_no_capture(tmp_path, text):
     (tmp_path / "settings.json").write_text(text)

@@ -16,7 +16,7 @@ from gaussray.cli.main import main
 from gaussray.dataset.images import write_image
 from gaussray.dataset.layouts import write_layout
 from gaussray.dataset.manifest import write_manifest
-from gaussray.dataset.takes import read_frames
+from gaussray.dataset.sample_manifest import read_frames
 from gaussray.scene.store import save_scene
 
 

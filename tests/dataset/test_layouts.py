@@ -17,7 +17,7 @@ from gaussray.dataset.layers import read_layers
 from gaussray.dataset.layouts import depth_levels, write_layout
 from gaussray.dataset.manifest import write_manifest
 from gaussray.dataset.optical_flow import write_flo, write_kitti_flow
-from gaussray.dataset.takes import read_frames
+from gaussray.dataset.sample_manifest import read_frames
 from gaussray.scene.store import save_scene
 
 

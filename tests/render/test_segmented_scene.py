@@ -10,12 +10,11 @@ import toy
 
 from gaussray.camera.aperture import Aperture, Rim
 from gaussray.camera.shutter import interlaced_row_times
-from gaussray.evaluate.pipeline import scene_size
 from gaussray.render.dataset import render_dataset
 from gaussray.render.options import DatasetOptions, RenderOptions
 from gaussray.render.renderer import Renderer
 from gaussray.scene.formats.convert import export_model
-from gaussray.scene.segmented import Clip
+from gaussray.scene.segmented import Clip, scene_size
 
 
 pytestmark = pytest.mark.usefixtures("known_sizes")

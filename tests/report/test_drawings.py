@@ -11,7 +11,7 @@ import toy
 from gaussray.camera.aperture import Aperture
 from gaussray.camera.lens import KannalaBrandt
 from gaussray.report import optics
-from gaussray.report.plan import _basis, edge_directions
+from gaussray.report.plan import drawing_axes, edge_directions
 
 
 DEGREES = 1e-3
@@ -39,7 +39,7 @@ def test_up_is_what_the_cameras_take_for_it_and_the_axes_are_square():
     turn = np.stack([np.asarray(toy.camera(angle).trajectory.quat)[0] for angle in (-0.4, 0.4)])
     from gaussray.geometry import rotation_matrix
 
-    axes = np.array(_basis(np.asarray(rotation_matrix(jnp.asarray(turn)))))
+    axes = np.array(drawing_axes(np.asarray(rotation_matrix(jnp.asarray(turn)))))
     np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-6)
     np.testing.assert_allclose(axes[1], [0, -1, 0], atol=1e-6)  # image rows point down
 
@@ -48,7 +48,7 @@ def test_beams_meet_where_the_camera_is_focused():
     camera = toy.camera()
     aperture = Aperture(*(toy.single(x) for x in (0.2, 2.5, 0.0, 1.0)))
     camera = dataclasses.replace(camera, aperture=aperture)
-    origin, direction = optics._rays(camera, np.array([0.2, 0.8]), np.linspace(0, 0.99, 5))
+    origin, direction = optics.drawn_rays(camera, np.array([0.2, 0.8]), np.linspace(0, 0.99, 5))
     meet = origin + direction * ((2.5 - origin[..., 2:]) / direction[..., 2:])
     np.testing.assert_allclose(meet, np.broadcast_to(meet[:, :1], meet.shape), atol=1e-5)
     assert np.ptp(origin[..., 0]) > 0.3

@@ -25,14 +25,14 @@ def out(tmp_path):
 
 def test_steps_are_counted_through_the_stages(out):
     told = json_lines(out / "metrics.jsonl")
-    step, borders = reconstruction._steps(told)
+    step, borders = reconstruction.step_numbers(told)
     assert step.tolist() == [10, 20, 30, 40, 50, 60]
     assert borders == [(0.0, "coarse"), (20.0, "fine")]
 
 
 def test_the_pace_leaves_out_the_change_of_stages_and_interruptions(out):
     told = json_lines(out / "metrics.jsonl")
-    pace, at = reconstruction._pace(told, reconstruction._steps(told)[0])
+    pace, at = reconstruction.milliseconds_per_step(told, reconstruction.step_numbers(told)[0])
     np.testing.assert_allclose(pace, [100, 200, 200])
     assert at.tolist() == [20, 40, 60]
 

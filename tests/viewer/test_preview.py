@@ -39,35 +39,35 @@ def model(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def previewer(model):
-    shot = model.shot(model.initial_values, model.initial_viewpoint, model.size)
+    job = model.job(model.initial_values, model.initial_viewpoint, model.size)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(PreviewRenderer, "_measure_capacity", lambda *_: rooms.ROOM)
-        yield PreviewRenderer(model.scene, options=shot.options, trace=shot.trace, keys=3)
+        yield PreviewRenderer(model.scene, options=job.options, trace=job.trace, keys=3)
 
 
-def shot_with(model, **changes):
+def job_with(model, **changes):
     values = model.initial_values | {
         key.replace("__", "."): value for key, value in changes.items()
     }
-    return model.shot(values, model.initial_viewpoint, model.size)
+    return model.job(values, model.initial_viewpoint, model.size)
 
 
-def test_a_sketch_is_the_picture_that_is_rendered(model, previewer):
-    shot = shot_with(model, aperture__radius=0.2, aperture__focus_distance=3.0)
-    camera = shot.records[0].camera
-    found = rooms.made(previewer, camera, shot.options.samples)
-    frame = Renderer(model.scene, options=shot.options, trace=shot.trace)(camera)
+def test_a_preview_is_the_picture_that_is_rendered(model, previewer):
+    job = job_with(model, aperture__radius=0.2, aperture__focus_distance=3.0)
+    camera = job.records[0].camera
+    found = rooms.made(previewer, camera, job.options.samples)
+    frame = Renderer(model.scene, options=job.options, trace=job.trace)(camera)
     values = np.asarray(found.values).reshape(16, 16, 5)
     assert frame.color.std() > 0.05
     np.testing.assert_allclose(values[..., :3], frame.color, atol=SINGLE)
     np.testing.assert_allclose(values[..., 3], frame.alpha, atol=SINGLE)
     assert found.dropped == 0 and found.hits == frame.hits
-    codes = picture_levels(shot.records[0], frame.color, shot.dataset.sensor).astype(int)
-    assert np.abs(develop_preview(found, shot).astype(int) - codes).max() <= 1
+    codes = picture_levels(job.records[0], frame.color, job.dataset.sensor).astype(int)
+    assert np.abs(develop_preview(found, job).astype(int) - codes).max() <= 1
 
 
 def test_no_slider_compiles_anything(model, previewer):
-    rooms.made(previewer, shot_with(model, aperture__radius=0.2).records[0].camera, 2)
+    rooms.made(previewer, job_with(model, aperture__radius=0.2).records[0].camera, 2)
     programs = len(previewer._programs)
     for change in (
         {"lens__fov": 40.0},
@@ -75,16 +75,16 @@ def test_no_slider_compiles_anything(model, previewer):
         {"aperture__focus_distance": 1.5},
         {"aperture__rotation": 1.0},
     ):
-        shot = shot_with(model, **({"aperture__radius": 0.2} | change))
-        assert previewer(shot.records[0].camera, 2) is not None
+        job = job_with(model, **({"aperture__radius": 0.2} | change))
+        assert previewer(job.records[0].camera, 2) is not None
     viewpoint = model.initial_viewpoint._replace(time=0.3, position=(0.1, 0.2, -3.0))
-    shot = model.shot(model.initial_values | {"aperture.radius": 0.1}, viewpoint, model.size)
-    assert previewer(shot.records[0].camera, 2) is not None
+    job = model.job(model.initial_values | {"aperture.radius": 0.1}, viewpoint, model.size)
+    assert previewer(job.records[0].camera, 2) is not None
     assert len(previewer._programs) == programs
 
 
 def test_another_lens_compiles_only_its_rays(model, previewer, monkeypatch):
-    rooms.made(previewer, shot_with(model).records[0].camera, 1)
+    rooms.made(previewer, job_with(model).records[0].camera, 1)
     made, make = [], picture_programs.on_devices
 
     def noted(function, *arguments, **options):
@@ -93,16 +93,16 @@ def test_another_lens_compiles_only_its_rays(model, previewer, monkeypatch):
 
     monkeypatch.setattr(picture_programs, "on_devices", noted)
     values = model.initial_values | choice_values("lens", "equisolid")
-    camera = model.shot(values, model.initial_viewpoint, model.size).records[0].camera
+    camera = model.job(values, model.initial_viewpoint, model.size).records[0].camera
     assert not previewer.has(camera, 1)
     rooms.made(previewer, camera, 1)
     assert made == ["camera_program"]
 
 
 def test_lists_are_measured_where_nothing_is_known(model):
-    shot = shot_with(model)
-    one = PreviewRenderer(model.scene, options=shot.options, trace=shot.trace, keys=3)
-    camera = shot.records[0].camera
+    job = job_with(model)
+    one = PreviewRenderer(model.scene, options=job.options, trace=job.trace, keys=3)
+    camera = job.records[0].camera
     found = rooms.made(one, camera, 1)
     (program,) = one._programs.values()
     assert found.dropped == 0 and found.hits > 0
@@ -112,7 +112,7 @@ def test_lists_are_measured_where_nothing_is_known(model):
 
 def test_readout_and_exposure_share_a_program_of_few_key_states(model, previewer):
     cameras = [
-        shot_with(model, shutter__kind="rolling", **told).records[0].camera
+        job_with(model, shutter__kind="rolling", **told).records[0].camera
         for told in ({"shutter__readout": 0.1}, {"shutter__readout": 0.9, "shutter__exposure": 0.2})
     ]
     assert previewer._key(cameras[0], 2)[1] == previewer._key(cameras[1], 2)[1]
@@ -121,10 +121,10 @@ def test_readout_and_exposure_share_a_program_of_few_key_states(model, previewer
 
 @pytest.mark.slow
 def test_lists_that_are_too_short_are_told_of_and_lengthened(model, previewer, monkeypatch):
-    shot = shot_with(model)
-    one = PreviewRenderer(model.scene, options=shot.options, trace=shot.trace, keys=3)
+    job = job_with(model)
+    one = PreviewRenderer(model.scene, options=job.options, trace=job.trace, keys=3)
     monkeypatch.setattr(PreviewRenderer, "_measure_capacity", lambda *_: Capacity((64,), 16, 8))
-    camera = shot.records[0].camera
+    camera = job.records[0].camera
     first = rooms.made(one, camera, 1)
     assert first.dropped > 0
     until = clock.monotonic() + 120
@@ -135,9 +135,9 @@ def test_lists_that_are_too_short_are_told_of_and_lengthened(model, previewer, m
 
 
 def test_the_focus_is_on_what_is_under_the_mouse(model, previewer):
-    shot = shot_with(model, aperture__radius=0.2)
-    camera = shot.records[0].camera
-    labels = Labeller(model.scene, options=shot.options, trace=shot.trace)(camera, ["z", "alpha"])
+    job = job_with(model, aperture__radius=0.2)
+    camera = job.records[0].camera
+    labels = Labeller(model.scene, options=job.options, trace=job.trace)(camera, ["z", "alpha"])
     seen = np.argwhere(labels["alpha"] > 0.6)
     row, column = seen[len(seen) // 2]
     found = clicked_focus_distance(previewer, camera, (int(column), int(row)))
@@ -146,19 +146,19 @@ def test_the_focus_is_on_what_is_under_the_mouse(model, previewer):
 
 def test_where_nothing_is_seen_there_is_no_focus(model, previewer):
     away = model.initial_viewpoint._replace(position=(0.0, 0.0, 50.0))
-    camera = model.shot(model.initial_values, away, model.size).records[0].camera
+    camera = model.job(model.initial_values, away, model.size).records[0].camera
     assert clicked_focus_distance(previewer, camera, (8, 8)) is None
 
 
-def test_a_sensor_develops_a_sketch_as_a_picture(model, previewer):
+def test_a_sensor_develops_a_preview_as_a_picture(model, previewer):
     values = model.initial_values | choice_values("sensor", "filmic") | {"aperture.radius": 0.2}
-    shot = model.shot(values, model.initial_viewpoint, model.size)
-    assert shot.dataset.sensor != SensorOptions()
-    found = rooms.made(previewer, shot.records[0].camera, 2)
+    job = model.job(values, model.initial_viewpoint, model.size)
+    assert job.dataset.sensor != SensorOptions()
+    found = rooms.made(previewer, job.records[0].camera, 2)
     light = np.asarray(found.values)[:, :3].reshape(16, 16, 3)
-    codes = picture_levels(shot.records[0], light, shot.dataset.sensor).astype(int)
+    codes = picture_levels(job.records[0], light, job.dataset.sensor).astype(int)
     assert codes.std() > 5
-    assert np.abs(develop_preview(found, shot).astype(int) - codes).max() <= 1
+    assert np.abs(develop_preview(found, job).astype(int) - codes).max() <= 1
 
 
 def test_lists_are_as_long_as_the_device_with_the_longest_wants():
@@ -170,7 +170,7 @@ def test_lists_are_as_long_as_the_device_with_the_longest_wants():
 
 
 @pytest.mark.ci
-def test_two_cores_share_a_sketch(tmp_path):
+def test_two_cores_share_a_preview(tmp_path):
     # A process has its devices for life.
     here = Path(__file__).parent
     env = os.environ | {"JAX_NUM_CPU_DEVICES": "2", "JAX_PLATFORMS": "cpu"}

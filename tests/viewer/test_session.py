@@ -41,11 +41,9 @@ class Screen:
     """What a session has shown and told, and a session that does."""
 
     def __init__(self, model):
-        shot = model.shot(model.initial_values, model.initial_viewpoint, model.size)
+        job = model.job(model.initial_values, model.initial_viewpoint, model.size)
         self.sheets, self.said, self.whole = [], [], threading.Event()
-        self.previewer = PreviewRenderer(
-            model.scene, options=shot.options, trace=shot.trace, keys=3
-        )
+        self.previewer = PreviewRenderer(model.scene, options=job.options, trace=job.trace, keys=3)
         self.session = ViewerSession(model, self.previewer, self.show, self.tell)
 
     def show(self, sheet, whole):

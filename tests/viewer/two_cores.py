@@ -23,19 +23,17 @@ SIZE = 44, 20
 def main(folder: Path) -> None:
     assert len(jax.devices()) == 2
     model = rooms.viewer_model(rooms.write_scene(folder))
-    shot = model.shot(
-        model.initial_values | {"aperture.radius": 0.2}, model.initial_viewpoint, SIZE
-    )
-    camera = shot.records[0].camera
-    previewer = PreviewRenderer(model.scene, options=shot.options, trace=shot.trace, keys=3)
+    job = model.job(model.initial_values | {"aperture.radius": 0.2}, model.initial_viewpoint, SIZE)
+    camera = job.records[0].camera
+    previewer = PreviewRenderer(model.scene, options=job.options, trace=job.trace, keys=3)
     PreviewRenderer._measure_capacity = Renderer._measure = lambda *_, **__: rooms.ROOM
-    found = rooms.made(previewer, camera, shot.options.samples)
-    frame = Renderer(model.scene, options=shot.options, trace=shot.trace, devices=1)(camera)
+    found = rooms.made(previewer, camera, job.options.samples)
+    frame = Renderer(model.scene, options=job.options, trace=job.trace, devices=1)(camera)
     values = np.asarray(found.values).reshape(*SIZE[::-1], 5)
     assert frame.color.std() > 0.05 and found.hits == frame.hits and found.dropped == 0
     np.testing.assert_allclose(values[..., :3], frame.color, atol=SINGLE)
     np.testing.assert_allclose(values[..., 3], frame.alpha, atol=SINGLE)
-    assert develop_preview(found, shot).shape == (*SIZE[::-1], 3)
+    assert develop_preview(found, job).shape == (*SIZE[::-1], 3)
     print("the same")
 
 

@@ -1,5 +1,6 @@
 """What a folder holds that is no capture of a known format, and what to do about it."""
 
+import functools
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -49,25 +50,61 @@ _EXPORTS = {
 def remedy_for(folder: Path, is_capture: Callable[[Path], bool]) -> str:
     """What a folder of no format holds, and what to do about it; empty if nothing is known.
 
+    Each function of a known case returns its remedy, or an empty text for another folder.
+
     Args:
         folder: an existing folder.
         is_capture: whether a folder in it is a capture.
     """
-    if _is_failed_preparation(folder):
-        return _failed_preparation(folder)
-    inner = [str(path) for path in folders_in(folder) if is_capture(path)][:3]
-    easy = next((p for p in sorted(folder.iterdir()) if p.name.lower() in _EASY_FILES), None)
-    if easy is not None and easy.is_file():
-        holds = [place for place in folders_in(folder) if any(p.is_dir() for p in place.iterdir())]
-        holds.sort(key=lambda place: place.name != "images")
-        place = holds[0] if holds else folder / "images"
-        return (
-            f"`gaussray prepare videos={place} poses.calibration={folder} out=OUT` makes one of "
-            f"the layout of EasyMocap and EasyVolcap ({easy.name}). The folder must hold a folder "
-            "or a video of each camera, by the camera's name."
-        )
-    if inner:
-        return f"name {' or '.join(inner)}, which is one."
+    remedies = (
+        _failed_preparation,
+        _easymocap,
+        functools.partial(_capture_inside, is_capture=is_capture),
+        _model_without_poses,
+        _model_of_other_tool,
+        _calibration_of_other_tool,
+        _pictures_without_poses,
+    )
+    return next(filter(None, (remedy(folder) for remedy in remedies)), "")
+
+
+def _failed_preparation(folder: Path) -> str:
+    """Of a folder into which `gaussray prepare` has begun to write a capture."""
+    run = json_if_readable(folder / _COMMAND_FILE)
+    began = _has(run, "command") and str(run["command"]).startswith("gaussray prepare")
+    if not began and not (folder / _FACTS_FILE).is_file():
+        return ""
+    report = folder / _REPORT_FILE
+    where = f"{report} shows why" if report.is_file() else "its message says why"
+    return (
+        f"`gaussray prepare` failed and wrote no {PINHOLE_FILE} into it; {where}, and what to do. "
+        "Run it again with that."
+    )
+
+
+def _easymocap(folder: Path) -> str:
+    """Of the layout of EasyMocap and EasyVolcap."""
+    file = next((p for p in sorted(folder.iterdir()) if p.name.lower() in _EASY_FILES), None)
+    if file is None or not file.is_file():
+        return ""
+    outer = [place for place in folders_in(folder) if any(p.is_dir() for p in place.iterdir())]
+    outer.sort(key=lambda place: place.name != "images")
+    videos = outer[0] if outer else folder / "images"
+    return (
+        f"`gaussray prepare videos={videos} poses.calibration={folder} out=OUT` makes one of "
+        f"the layout of EasyMocap and EasyVolcap ({file.name}). The folder must hold a folder "
+        "or a video of each camera, by the camera's name."
+    )
+
+
+def _capture_inside(folder: Path, is_capture: Callable[[Path], bool]) -> str:
+    """Of a folder in which there are captures."""
+    inner = [str(path) for path in folders_in(folder) if is_capture(path)][:_NAMED]
+    return f"name {' or '.join(inner)}, which is one." if inner else ""
+
+
+def _model_without_poses(folder: Path) -> str:
+    """Of COLMAP's model without the file of its poses."""
     for place in PLACES:
         for suffix in (".bin", ".txt"):
             if (folder / place / f"cameras{suffix}").is_file():
@@ -75,50 +112,54 @@ def remedy_for(folder: Path, is_capture: Callable[[Path], bool]) -> str:
                     f"{folder / place} holds cameras{suffix} of COLMAP's model without "
                     f"images{suffix}, which has the poses. Copy it there."
                 )
+    return ""
+
+
+def _model_of_other_tool(folder: Path) -> str:
+    """Of a reconstruction by a tool whose files are not read."""
+    tool = _tool_of(folder)
+    if not tool:
+        return ""
+    return (
+        f"files of {tool} are not read. `{_EXPORTS[tool]}` converts them to COLMAP's model, "
+        f"which is; {_new_poses(media_folder(folder))}."
+    )
+
+
+def _calibration_of_other_tool(folder: Path) -> str:
+    """Of a calibration that `gaussray prepare` reads."""
+    calibration = _calibration_in(folder)
+    if calibration is None:
+        return ""
+    return (
+        f"`gaussray prepare videos={media_folder(folder) or 'VIDEOS'} "
+        f"poses.calibration={calibration} out=OUT` makes one with the calibration in it. The "
+        "folder of the videos must hold a folder or a video of each camera, by the camera's name."
+    )
+
+
+def _pictures_without_poses(folder: Path) -> str:
+    """Of pictures or videos, alone or beside files of no format that is read."""
     media = media_folder(folder)
-    prepare = f"`gaussray prepare videos={media or 'PICTURES'} out=OUT` finds poses anew"
-    if tool := _tool_of(folder):
-        return (
-            f"files of {tool} are not read. `{_EXPORTS[tool]}` converts them to COLMAP's model, "
-            f"which is; {prepare}."
-        )
-    if calibration := _calibration_in(folder):
-        return (
-            f"`gaussray prepare videos={media or 'VIDEOS'} poses.calibration={calibration} "
-            "out=OUT` makes one with the calibration in it. The folder of the videos must hold a "
-            "folder or a video of each camera, by the camera's name."
-        )
-    if not media:
+    if media is None:
         return ""
     data = [path.name for path in sorted(folder.iterdir()) if path.suffix.lower() in _DATA]
-    # Of a file that is called as one of a format, the list of formats tells what it lacks.
+    # A file may have the name of a format's: then the list of formats says what it lacks.
     if not _FORMAT_NAMES.isdisjoint(data):
         return ""
     if not data:
-        return f"it holds videos or pictures without poses: {prepare}."
+        return f"it holds videos or pictures without poses: {_new_poses(media)}."
     more = " ..." if len(data) > _NAMED else ""
     return (
-        f"{prepare}, or takes those of a calibration (poses.calibration=FILE). What it holds "
-        f"beside pictures ({', '.join(data[:_NAMED])}{more}) is of no format that is read; "
+        f"{_new_poses(media)}, or takes those of a calibration (poses.calibration=FILE). What it "
+        f"holds beside pictures ({', '.join(data[:_NAMED])}{more}) is of no format that is read; "
         "docs/captures.md lists these."
     )
 
 
-def _is_failed_preparation(folder: Path) -> bool:
-    """Whether `gaussray prepare` has begun to write a capture into a folder, which is none."""
-    if (folder / _FACTS_FILE).is_file():
-        return True
-    run = json_if_readable(folder / _COMMAND_FILE)
-    return _has(run, "command") and str(run["command"]).startswith("gaussray prepare")
-
-
-def _failed_preparation(folder: Path) -> str:
-    report = folder / _REPORT_FILE
-    where = f"{report} shows why" if report.is_file() else "its message says why"
-    return (
-        f"`gaussray prepare` failed and wrote no {PINHOLE_FILE} into it; {where}, and what to do. "
-        "Run it again with that."
-    )
+def _new_poses(media: Path | None) -> str:
+    """The command that finds poses anew."""
+    return f"`gaussray prepare videos={media or 'PICTURES'} out=OUT` finds poses anew"
 
 
 def _calibration_in(folder: Path) -> Path | None:

@@ -6,7 +6,7 @@ import glob
 import re
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import Any, NamedTuple
 
 from gaussray.capture.formats.json_keys import Keys
 from gaussray.capture.picture_file import picture_exists
@@ -31,12 +31,22 @@ _SPLITS = {"train", "test", "val"}
 _MODELS = ("sparse", "stereo")
 
 
+class _Move(NamedTuple):
+    """Another folder for paths that begin with the folder `before`: the places, relative to the
+    JSON file, in which most pictures are found, and their number."""
+
+    before: tuple[str, ...]
+    places: list[tuple[str, ...]]
+    count: int
+
+
 def with_found_pictures(frames: list[Keys]) -> list[Keys]:
     """The frames, with the paths at which their pictures are where none is where `file_path` says.
 
-    A folder at the beginning of all paths is left out or replaced by one in the folder of the JSON
-    file: of the places where most pictures are found, the one that keeps most of the paths. Nothing
-    is changed where several keep as much, and pictures of one split are not taken for those of
+    Names that differ from those of files by case or suffix alone are replaced. Otherwise a folder
+    at the beginning of all paths is left out, or replaced by one in the folder of the JSON file: of
+    the places where most pictures are found, the one that keeps most of the paths. Nothing is
+    changed where several keep as much, and pictures of one split are not taken for those of
     another. A warning tells what was changed.
 
     Args:
@@ -46,45 +56,57 @@ def with_found_pictures(frames: list[Keys]) -> list[Keys]:
     names = [_parts(frame.values["file_path"]) for frame in named]
     if not any(names) or any(map(_is_where_it_says, named)):
         return frames
-    folder, first = named[0].file.parent, next(filter(None, names))
+    first, folder = named[0], named[0].file.parent
     spelt = other_spellings(folder, [frame.values["file_path"] for frame in named])
     if spelt:
         old, new = next(iter(spelt.items()))
-        named[0].warn(
+        first.warn(
             f"no picture is where file_path says. {len(spelt)} of {len(names)} are found if their "
             f"names are spelt otherwise ({new} for {old}), and are read there."
         )
         return [_with_spellings(frame, spelt) for frame in frames]
+    move = _find_move(folder, names)
+    if move is None:
+        # Both moved and converted to another kind of picture.
+        bare = [_without_suffix(frame) for frame in frames]
+        moved = with_found_pictures(bare) if bare != frames else bare
+        return frames if moved is bare else moved
+    if len(move.places) > 1:
+        return frames
+    before, place = move.before, move.places[0]
+    first.warn(
+        f"no picture is where file_path says. {move.count} of {len(names)} are found if "
+        f"{_change(before, place)}, and are read there."
+    )
+    lists = {
+        key: [_text(name, before, place) for name in first.values[key]]
+        for key in _LISTS
+        if isinstance(first.values.get(key), list)
+    }
+    return [_with_paths(frame, before, place, lists) for frame in frames]
+
+
+def _find_move(folder: Path, names: Sequence[tuple[str, ...]]) -> _Move | None:
+    """The move that keeps most of the first path and finds at least half of the pictures; None if
+    there is none.
+
+    Args:
+        folder: the folder of the JSON file.
+        names: the paths of the pictures; one that no file system has is empty.
+    """
+    first = next(filter(None, names))
     for kept in range(len(first), 0, -1):
         before = first[: len(first) - kept]
-        places = {
-            place: sum(
-                bool(path) and _is_picture(folder.joinpath(*path))
-                for path in (_moved(name, before, place) for name in names)
-            )
-            for place in _places_of(folder, first[-kept:])
-            if _home_of_model(folder, place) is None
-            if not (_SPLITS.intersection(before[-1:]) and _SPLITS.intersection(place[-1:]))
-        }
-        best = max(places.values(), default=0)
-        found = [place for place, count in places.items() if count == best]
-        if best >= max(_MOST * len(names), 1):
-            if len(found) > 1:
-                return frames
-            named[0].warn(
-                f"no picture is where file_path says. {best} of {len(names)} are found if "
-                f"{_change(before, found[0])}, and are read there."
-            )
-            lists = {
-                key: [_text(name, before, found[0]) for name in named[0].values[key]]
-                for key in _LISTS
-                if isinstance(named[0].values.get(key), list)
-            }
-            return [_with_paths(frame, before, found[0], lists) for frame in frames]
-    # Both moved and converted to another kind of picture.
-    bare = [_without_suffix(frame) for frame in frames]
-    moved = with_found_pictures(bare) if bare != frames else bare
-    return frames if moved is bare else moved
+        counts = {}
+        for place in _places_of(folder, first[-kept:]):
+            split = _SPLITS.intersection(before[-1:]) and _SPLITS.intersection(place[-1:])
+            if not split and _home_of_model(folder, place) is None:
+                moved = (_moved(name, before, place) for name in names)
+                counts[place] = sum(_is_picture(folder.joinpath(*path)) for path in moved if path)
+        most = max(counts.values(), default=0)
+        if most >= max(_MOST * len(names), 1):
+            return _Move(before, [place for place, n in counts.items() if n == most], most)
+    return None
 
 
 def _without_suffix(frame: Keys) -> Keys:
@@ -149,7 +171,7 @@ def _with_spellings(frame: Keys, spelt: dict[str, str]) -> Keys:
 
 def absent_picture_hint(folder: Path, name: str) -> str:
     """A sentence that tells where a picture of the name of an absent one lies, and whether it is
-    one of another model; empty if nowhere.
+    one of another model, which must not be copied; empty if nowhere.
 
     Args:
         folder: where to look, also in its folders and in theirs.
@@ -158,7 +180,10 @@ def absent_picture_hint(folder: Path, name: str) -> str:
     path = file_of_same_name(folder, name)
     home = path and _home_of_model(folder, path.relative_to(folder).parts[:-1])
     if home:
-        return f" A file of this name is {path}, which belongs to a model of its own: name {home}."
+        return (
+            f" A file of this name is {path}, which belongs to a model of its own: name {home}, "
+            "and do not copy it."
+        )
     return f" A file of this name is {path}." if path else ""
 
 

@@ -10,14 +10,13 @@ from jaxtyping import Array, Bool, Float, Shaped
 from scipy.ndimage import gaussian_filter
 
 from gaussray.color import Values, srgb_decode
+from gaussray.geometry import product
 
 
 # Linear light below which a colour means little.
 DARK = 0.005
 # Weights of colour (sum over channels), of brightness, and of whether a pixel changes at all.
 COLOR, BRIGHTNESS, CHANGES = 0.4, 0.1, 0.3
-# A GPU would round the factors to eleven bits.
-_EXACT = {"precision": jax.lax.Precision.HIGHEST}
 
 
 class Shown(NamedTuple):
@@ -63,7 +62,7 @@ def _layers(
         sharp = jnp.concatenate([look(light), changes], axis=-1)
         hidden = False if visible is None else _shrunk(~visible[..., None], shrink) > 0
         return [
-            jnp.where(hidden, jnp.nan, jnp.einsum("ij,jkc,lk->ilc", down, sharp, along, **_EXACT))
+            jnp.where(hidden, jnp.nan, product("ij,jkc,lk->ilc", down, sharp, along))
             for down, along in across
         ]
 

@@ -194,9 +194,10 @@ def _found(
     for i in range(1, len(instants)):
         pictures = pictures_at(i)
         certain, enough = _last_certain(costs)
-        last = Pose(*(np.stack(x)[certain, np.arange(count)] for x in zip(*poses, strict=True)))
+        path, turn = (np.stack(x)[certain, np.arange(count)] for x in zip(*poses, strict=True))
         expected = _ahead(poses, instants[: i + 1])
         since = jnp.asarray(i - certain, jnp.float32)
+        last = Pose(jnp.asarray(path), jnp.asarray(turn))
         start = Start(expected, last, since, none_found(expected, known))
         keys = jax.random.split(jax.random.fold_in(key, i), count)
         pose, cost = _search_apart(keys, known, start, enough, pictures, options)

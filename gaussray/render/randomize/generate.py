@@ -7,14 +7,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from gaussray.dataset.manifest import FrameRecord
-from gaussray.dataset.takes import (
-    LINE,
+from gaussray.dataset.sample_manifest import (
+    SAMPLE_FILE,
     VERSION,
-    append_take,
-    folder_of,
+    append_to_manifest,
     is_complete,
-    write_take,
-    write_takes,
+    sample_folder,
+    write_sample,
+    write_sample_manifest,
 )
 from gaussray.io.atomic import remove_partial_files
 from gaussray.render.aov.labeller import PICTURE_LABELS
@@ -137,7 +137,7 @@ def generate_samples(
     progress.report(0, "compiling")
     shared, done = SharedRenderers(devices), itertools.count(1)
     # Samples of an interrupted run, whose lines may not be in the manifest.
-    write_takes(out, options.count)
+    write_sample_manifest(out, options.count)
     for number, index in enumerate(frames, 1):
         sample = draw_sample(index, distributions, make_job, options=options)
         note = f"sample {number}/{len(frames)}  {sample.job.records[0].effect}"
@@ -148,14 +148,14 @@ def generate_samples(
             if record.effect not in PICTURE_LABELS:
                 progress.report(next(left), note)
 
-        with output_lock(out / folder_of(index)):
+        with output_lock(out / sample_folder(index)):
             if _render(out, sample, options.seed, shared, finished):
-                append_take(out, index)
+                append_to_manifest(out, index)
         for kept in left:
             progress.report(kept, note)
         if index < PREVIEWED:
             write_preview(out, options.count)
-    return write_takes(out, options.count)
+    return write_sample_manifest(out, options.count)
 
 
 def _frame_counts(
@@ -209,12 +209,14 @@ def refuse_other_samples(
     Raises:
         ValueError: It was; the message names the keys.
     """
-    index = next((k for k in options.indices if (out / folder_of(k) / LINE).is_file()), None)
+    index = next(
+        (k for k in options.indices if (out / sample_folder(k) / SAMPLE_FILE).is_file()), None
+    )
     if index is not None:
         sample = draw_sample(index, distributions, make_job, options=options)
         if sample.job:
             scene_hash = array_digest(sample.job.scene).hexdigest()
-            is_complete(out / folder_of(index), _facts(sample, options.seed, scene_hash))
+            is_complete(out / sample_folder(index), _facts(sample, options.seed, scene_hash))
 
 
 def _facts(sample: Sample, seed: int, scene_hash: str) -> dict[str, Any]:
@@ -222,7 +224,7 @@ def _facts(sample: Sample, seed: int, scene_hash: str) -> dict[str, Any]:
     return {
         "version": VERSION,
         "index": sample.index,
-        "folder": folder_of(sample.index),
+        "folder": sample_folder(sample.index),
         "seed": seed,
         "attempt": sample.attempt,
         "drawn": sample.values,
@@ -243,7 +245,7 @@ def _render(
     Returns:
         Whether it was rendered; it may have been there already.
     """
-    folder, job = out / folder_of(sample.index), sample.job
+    folder, job = out / sample_folder(sample.index), sample.job
     facts = _facts(sample, seed, shared.scene_hash(job.scene))
     if is_complete(folder, facts):
         return False
@@ -252,5 +254,5 @@ def _render(
     options = dataclasses.replace(job.dataset, sensor=sensor)
     renderer = shared.renderer(job)
     render_dataset(renderer, job.records, folder, options=options, quiet=True, on_picture=finished)
-    write_take(folder, facts, job.records)
+    write_sample(folder, facts, job.records)
     return True

@@ -9,7 +9,7 @@ from jaxtyping import UInt8
 
 from gaussray.capture.picture_file import read_stored
 from gaussray.dataset.images import srgb_levels, write_image
-from gaussray.dataset.takes import LINE, folder_of
+from gaussray.dataset.sample_manifest import SAMPLE_FILE, sample_folder
 
 
 # Samples on the contact sheet, pictures in a row, and the longest side of each in pixels.
@@ -24,7 +24,7 @@ def write_preview(out: Path, count: int) -> None:
         out: folder of the dataset.
         count: number of its samples.
     """
-    lines = [out / folder_of(index) / LINE for index in range(min(count, PREVIEWED))]
+    lines = [out / sample_folder(index) / SAMPLE_FILE for index in range(min(count, PREVIEWED))]
     if all(line.exists() for line in lines):
         write_image(out / PREVIEW, preview_sheet([_first_picture(line) for line in lines]))
 

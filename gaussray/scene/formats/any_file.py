@@ -98,7 +98,7 @@ def save(
     if kind == "ftgs":
         export_transients(scene, path, color=color, degree=degree)
     else:
-        export_model(scene, path, time, color=color, degree=degree, file_format=kind)
+        export_model(scene, path, time, color=color, degree=degree, format=kind)
 
 
 def named_format(path: Path | str) -> str | None:

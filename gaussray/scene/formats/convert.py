@@ -134,7 +134,7 @@ def export_model(
     *,
     color: str = "srgb",
     degree: int = 3,
-    file_format: str = "ply",
+    format: str = "ply",
 ) -> tuple[Gaussians, str]:
     """Export a scene's Gaussians at one time as a file of 3D Gaussian Splatting.
 
@@ -149,7 +149,7 @@ def export_model(
         color: `srgb`, which other viewers expect (`convert_harmonics`), or `linear`, as in the
             scene.
         degree: degree of the file's harmonics, at least the scene's; some viewers require 3.
-        file_format: `ply`, `spz` (a tenth of the size, quantised; `spz4` is its version 4), `glb`
+        format: `ply`, `spz` (a tenth of the size, quantised; `spz4` is its version 4), `glb`
             (glTF with KHR_gaussian_splatting, which states the colour space) or `usd` (OpenUSD).
 
     Returns:
@@ -158,17 +158,17 @@ def export_model(
     Raises:
         ValueError: the time is outside of the range, or the degree is too low.
     """
-    check_export(file_format)
+    check_export(format)
     gaussians, colors = gaussians_at(scene, time, color=color, degree=degree)
     if is_primary():
-        WRITERS[file_format](out, gaussians, color)
+        WRITERS[format](out, gaussians, color)
     return gaussians, f"{gaussians.count} Gaussians, {colors}."
 
 
-def check_export(file_format: str) -> None:
+def check_export(format: str) -> None:
     """Raise a ValueError unless there is a writer for the format."""
-    if file_format not in WRITERS:
-        raise ValueError(f"format must be one of {', '.join(WRITERS)}, ftgs, got {file_format!r}.")
+    if format not in WRITERS:
+        raise ValueError(f"format must be one of {', '.join(WRITERS)}, ftgs, got {format!r}.")
 
 
 def gaussians_at(

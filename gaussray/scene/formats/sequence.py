@@ -28,7 +28,7 @@ def export_sequence(
     *,
     color: str = "srgb",
     degree: int = 3,
-    file_format: str = "ply",
+    format: str = "ply",
 ) -> str:
     """Export a scene at evenly spaced timestamps, the first and last of its range included.
 
@@ -39,7 +39,7 @@ def export_sequence(
         count: number of timestamps.
         color: as for `export_model`.
         degree: as for `export_model`.
-        file_format: as for `export_model`.
+        format: as for `export_model`.
 
     Returns:
         A line about what was written.
@@ -48,22 +48,20 @@ def export_sequence(
         ValueError: The count is below 1, or a file cannot hold the scene.
         OSError: A file cannot be written.
     """
-    check_export(file_format)
+    check_export(format)
     if count < 1:
         raise ValueError(f"count must be at least 1, got {count}.")
     begin, end = (float(x) for x in scene.time_range)
     times = [float(x) for x in np.linspace(begin, end, count)]
-    if file_format == "usd":
+    if format == "usd":
         states = [gaussians_at(scene, time, color=color, degree=degree)[0] for time in times]
         if is_primary():
             write_usd(out, states, color)
         return f"{count} timestamps from {begin:g} to {end:g}."
-    ending = file_format.removesuffix("4")
+    ending = format.removesuffix("4")
     files = [f"frame_{i:04d}.{ending}" for i in range(count)]
     for file, time in zip(files, times, strict=True):
-        export_model(
-            scene, Path(out) / file, time, color=color, degree=degree, file_format=file_format
-        )
+        export_model(scene, Path(out) / file, time, color=color, degree=degree, format=format)
     if is_primary():
         for stale in _listed(Path(out)) - set(files):
             (Path(out) / stale).unlink(missing_ok=True)

@@ -142,5 +142,5 @@ def test_undistorted_pictures_of_another_model_are_not_taken(tmp_path):
     folder = folder_of(tmp_path, ["images/0.png"], ["dense/images/0.png"])
     (tmp_path / "dense" / "sparse").mkdir()
     home = re.escape(str(tmp_path / "dense"))
-    with pytest.raises(FileNotFoundError, match=f"belongs to a model of its own: name {home}"):
+    with pytest.raises(FileNotFoundError, match=f"a model of its own: name {home}, and do not"):
         open_capture(folder)

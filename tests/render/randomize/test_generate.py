@@ -19,7 +19,7 @@ from gaussray.capture.picture_file import read_stored
 from gaussray.color import srgb_encode
 from gaussray.dataset.images import write_image
 from gaussray.dataset.manifest import FrameRecord, write_manifest
-from gaussray.dataset.takes import read_frames, read_takes
+from gaussray.dataset.sample_manifest import read_frames, read_samples
 from gaussray.render.job import RenderJob
 from gaussray.render.options import DatasetOptions, RenderOptions
 from gaussray.render.randomize import generate
@@ -37,7 +37,7 @@ from gaussray.scene.store import save_scene
 
 RADIUS = read_distributions({"aperture": {"radius": {"uniform": [0.0, 1.0]}}})
 SCENE = toy.scene(speed=0)
-RUN = pathlib.Path(__file__).parents[2] / "takes.py"
+RUN = pathlib.Path(__file__).parents[2] / "six_samples.py"
 # Half a level of an 8-bit picture, and rounding.
 LEVEL = 0.6 / 255
 # Single precision of times of about 1.
@@ -61,7 +61,7 @@ def possible(values):
 
 
 def drawn_at(index, **options):
-    """The take that an index has become, without a job."""
+    """The sample that an index has become, without a job."""
     told = DrawOptions(**{"redraws": 50, **options})
     return draw_sample(index, RADIUS, lambda values: (possible(values), None), options=told)
 
@@ -99,45 +99,45 @@ def contents(out):
     return {str(path.relative_to(out)): path.read_bytes() for path in files}
 
 
-def test_a_manifest_lists_takes_by_their_index_with_what_was_drawn(tmp_path, filmed):
+def test_a_manifest_lists_samples_by_their_index_with_what_was_drawn(tmp_path, filmed):
     assert made(tmp_path, count=12, seed=3) == 0
-    takes = list(read_takes(tmp_path))
-    assert [one["index"] for one in takes] == list(range(12))
-    for index, one in enumerate(takes):
+    samples = list(read_samples(tmp_path))
+    assert [one["index"] for one in samples] == list(range(12))
+    for index, one in enumerate(samples):
         expected = drawn_at(index, seed=3)
         radius = expected.values["aperture.radius"]
         assert one["drawn"] == expected.values
         assert one["parameters"] == {"aperture": {"radius": radius}, "far": "infinity"}
         assert (one["seed"], one["attempt"]) == (3, expected.attempt)
         assert one["frames"][0]["time"] == pytest.approx(one["drawn"]["aperture.radius"])
-    assert len({one["drawn"]["aperture.radius"] for one in takes}) == 12
-    assert {one["scene_sha256"] for one in takes} == {takes[0]["scene_sha256"]}
-    commit = takes[0]["git"]
+    assert len({one["drawn"]["aperture.radius"] for one in samples}) == 12
+    assert {one["scene_sha256"] for one in samples} == {samples[0]["scene_sha256"]}
+    commit = samples[0]["git"]
     assert commit is None or re.fullmatch("[0-9a-f]{40}(-dirty)?", commit)
     frames = list(read_frames(tmp_path))
     assert all((tmp_path / frame["file_path"]).is_file() for frame in frames)
     assert [frame["take"]["index"] for frame in frames] == list(range(12))
 
 
-def test_the_manifest_grows_with_every_take(tmp_path, filmed, monkeypatch):
-    lengths, write_take = [], generate.write_take
+def test_the_manifest_grows_with_every_sample(tmp_path, filmed, monkeypatch):
+    lengths, write_sample = [], generate.write_sample
 
     def counted(folder, *parts):
         manifest = tmp_path / "manifest.jsonl"
         lengths.append(len(manifest.read_text().splitlines()) if manifest.exists() else 0)
-        write_take(folder, *parts)
+        write_sample(folder, *parts)
 
-    monkeypatch.setattr(generate, "write_take", counted)
+    monkeypatch.setattr(generate, "write_sample", counted)
     made(tmp_path, count=4)
     assert lengths == [0, 1, 2, 3]
 
 
-def test_a_contact_sheet_shows_the_first_ten_takes_before_the_others(tmp_path, filmed):
+def test_a_contact_sheet_shows_the_first_ten_samples_before_the_others(tmp_path, filmed):
     assert made(tmp_path, count=25, shard="0/2") == 12
     assert not (tmp_path / "preview.png").exists()
     made(tmp_path, count=25, shard="1/2")
     sheet = read_stored(tmp_path / "preview.png", 5 * 260, 2 * 260)
-    for i, one in enumerate(list(read_takes(tmp_path))[:10]):
+    for i, one in enumerate(list(read_samples(tmp_path))[:10]):
         row, column = divmod(i, 5)
         middle = sheet[260 * row + 130, 260 * column + 130] / 255
         expected = srgb_encode(np.full(3, one["drawn"]["aperture.radius"], np.float32))
@@ -150,16 +150,16 @@ def test_progress_counts_frames_from_the_beginning(tmp_path, filmed, capsys):
     assert lines[0].startswith("render 0/3") and lines[-1].startswith("render 3/3")
 
 
-def test_a_page_shows_takes_and_how_they_are_distributed(tmp_path, filmed):
+def test_a_page_shows_samples_and_how_they_are_distributed(tmp_path, filmed):
     made(tmp_path, count=30, seed=3)
-    text = write_page("takes", tmp_path).read_text()
-    radii = [take["drawn"]["aperture.radius"] for take in read_takes(tmp_path)]
+    text = write_page("dataset", tmp_path).read_text()
+    radii = [one["drawn"]["aperture.radius"] for one in read_samples(tmp_path)]
     assert text.count("data:image/") == SHOWN and "NaN" not in text
     assert ">aperture.radius<" in text and f">{np.median(radii):.4g}<" in text
-    assert text == write_page("takes", tmp_path).read_text()
+    assert text == write_page("dataset", tmp_path).read_text()
 
 
-def test_a_page_shows_takes_without_an_effect(tmp_path, filmed):
+def test_a_page_shows_samples_without_an_effect(tmp_path, filmed):
     def plain(values):
         told, job = make_job(values)
         (record,) = job.records
@@ -167,24 +167,24 @@ def test_a_page_shows_takes_without_an_effect(tmp_path, filmed):
         return told, job._replace(records=[dataclasses.replace(record, camera=camera)])
 
     made(tmp_path, make=plain, count=1)
-    (taken,) = read_takes(tmp_path)
-    assert "effect" not in taken["frames"][0]
-    assert "0 · pinhole" in write_page("takes", tmp_path).read_text()
+    (sample,) = read_samples(tmp_path)
+    assert "effect" not in sample["frames"][0]
+    assert "0 · pinhole" in write_page("dataset", tmp_path).read_text()
 
 
 def test_shards_in_any_order_leave_what_one_process_leaves(tmp_path, filmed):
     made(tmp_path / "whole", count=7)
     assert made(tmp_path / "parts", count=7, shard="2/3") == 5
     assert made(tmp_path / "parts", count=7, shard="0/3") == 2
-    assert [one["index"] for one in read_takes(tmp_path / "parts")] == [0, 2, 3, 5, 6]
+    assert [one["index"] for one in read_samples(tmp_path / "parts")] == [0, 2, 3, 5, 6]
     assert made(tmp_path / "parts", count=7, shard="1/3") == 0
     assert contents(tmp_path / "parts") == contents(tmp_path / "whole")
     assert len(filmed) == 14
-    # A share without a take.
+    # A share without a sample.
     assert made(tmp_path / "parts", count=7, shard="8/9") == 0 and len(filmed) == 14
 
 
-def test_what_is_there_is_kept_and_more_takes_leave_the_first_as_they_are(tmp_path, filmed):
+def test_what_is_there_is_kept_and_more_samples_leave_the_first_as_they_are(tmp_path, filmed):
     made(tmp_path, count=3)
     before = contents(tmp_path)
     made(tmp_path, count=3)
@@ -214,7 +214,7 @@ def test_samples_of_other_values_are_refused_before_anything_is_written(tmp_path
         refuse_other_samples(tmp_path, RADIUS, make_job, other)
 
 
-def test_a_take_of_another_distribution_or_scene_is_refused(tmp_path, filmed):
+def test_a_sample_of_another_distribution_or_scene_is_refused(tmp_path, filmed):
     made(tmp_path, count=2)
     with pytest.raises(ValueError, match="made with other values of .*seed, "):
         made(tmp_path, count=2, seed=1)
@@ -230,7 +230,9 @@ def test_a_take_of_another_distribution_or_scene_is_refused(tmp_path, filmed):
     assert len(filmed) == 2
 
 
-def test_an_impossible_take_is_refused_by_index_and_key_before_anything_is_filmed(tmp_path, filmed):
+def test_an_impossible_sample_is_refused_by_index_and_key_before_anything_is_filmed(
+    tmp_path, filmed
+):
     radii = [first_drawn(index, seed=1)["aperture.radius"] for index in range(20)]
     wrong = next(i for i, radius in enumerate(radii) if radius > 0.8)
     assert wrong > 0
@@ -242,7 +244,7 @@ def test_an_impossible_take_is_refused_by_index_and_key_before_anything_is_filme
     assert not filmed
 
 
-def test_a_take_that_is_drawn_anew_says_how_often_and_leaves_the_others():
+def test_a_sample_that_is_drawn_anew_says_how_often_and_leaves_the_others():
     found = [drawn_at(index) for index in range(200)]
     again = [one for one in found if one.attempt]
     # A fifth is impossible at first: three deviations of how many that are.

@@ -118,7 +118,7 @@ def test_integers_are_fractions_and_vertices_may_be_interleaved(tmp_path):
 
 def test_the_file_says_the_colour_space(tmp_path):
     scene = toy.scene(speed=0)
-    _, text = export_model(scene, tmp_path / "linear.glb", color="linear", file_format="glb")
+    _, text = export_model(scene, tmp_path / "linear.glb", color="linear", format="glb")
     assert "linear light" in text
     imported, text = import_model(tmp_path / "linear.glb", tmp_path / "run", color="srgb")
     assert "as the file says: colours are linear light" in text

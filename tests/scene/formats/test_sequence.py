@@ -71,7 +71,7 @@ def test_openusd_reads_the_gaussians_of_every_time_code(moving, tmp_path, count)
     from pxr import Usd, UsdGeom, UsdVol
 
     assert pxr
-    export_sequence(moving, tmp_path / "a.usdc", count, file_format="usd")
+    export_sequence(moving, tmp_path / "a.usdc", count, format="usd")
     stage = Usd.Stage.Open(str(tmp_path / "a.usdc"))
     prim = UsdVol.ParticleField3DGaussianSplat(stage.GetDefaultPrim())
     assert UsdGeom.GetStageUpAxis(stage) == "Y" and prim
@@ -102,7 +102,7 @@ def test_openusd_finds_nothing_wrong(moving, tmp_path):
     pytest.importorskip("pxr", reason="an extra")
     from pxr import Usd, UsdValidation
 
-    export_sequence(moving, tmp_path / "a.usda", 2, file_format="usd")
+    export_sequence(moving, tmp_path / "a.usda", 2, format="usd")
     context = UsdValidation.ValidationContext(
         UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
     )
@@ -112,4 +112,4 @@ def test_openusd_finds_nothing_wrong(moving, tmp_path):
 
 def test_another_ending_is_refused(moving, tmp_path):
     with pytest.raises(ValueError, match="out must end in .usd, .usdc or .usda"):
-        export_sequence(moving, tmp_path / "a.ply", 2, file_format="usd")
+        export_sequence(moving, tmp_path / "a.ply", 2, format="usd")

@@ -1,4 +1,4 @@
-"""What `test_generate.py` kills: `takes.py SCENE OUT N CAMERA` renders six samples of two frames.
+"""What `test_generate.py` kills: `six_samples.py SCENE OUT N CAMERA` renders samples of two frames.
 The process is killed when file number N (0: none) is written but not yet in its place.
 
 With CAMERA = quick all is as ever but the pictures, which show noise instead of the scene.
@@ -12,7 +12,8 @@ import jax
 import numpy as np
 
 from gaussray.cli.main import main
-from gaussray.render.renderer import Frame, Renderer
+from gaussray.render.frame import DevelopedFrame
+from gaussray.render.renderer import Renderer
 
 
 def mortal(at: int) -> None:
@@ -29,18 +30,18 @@ def mortal(at: int) -> None:
     os.replace = move
 
 
-def quick(_, cameras):
-    """Frames that no one has to wait for."""
-    for camera in cameras:
+def quick(_, cameras, develop):
+    """Frames that no one has to wait for (`Renderer.render_developed`)."""
+    for number, camera in enumerate(cameras):
         chance = np.random.default_rng(int.from_bytes(np.asarray(camera.lens.focal).tobytes()))
         light = chance.random((camera.film.height, camera.film.width, 3), np.float32)
-        yield Frame(light, light[..., 0], light[..., 1], 0.0, 0, False, samples=1)
+        yield DevelopedFrame(jax.device_get(develop(number, jax.numpy.asarray(light))), samples=1)
 
 
 if __name__ == "__main__":
     scene, out, number, camera = sys.argv[1:]
     if camera == "quick":
-        Renderer.render_frames = quick
+        Renderer.render_developed = quick
     jax.config.update("jax_disable_most_optimizations", True)
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
     mortal(int(number))

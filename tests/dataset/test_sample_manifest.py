@@ -11,7 +11,7 @@ from experiments.reading.jax_reader import batches
 from gaussray.capture.frames import read_image
 from gaussray.dataset.images import write_image
 from gaussray.dataset.pack import pack
-from gaussray.dataset.takes import read_frames, read_takes
+from gaussray.dataset.sample_manifest import read_frames, read_samples
 
 
 POSE = np.eye(4, dtype=np.float32).tolist()
@@ -19,7 +19,7 @@ POSE = np.eye(4, dtype=np.float32).tolist()
 
 @pytest.fixture
 def data(tmp_path):
-    """Two takes of two and three frames, brighter from frame to frame."""
+    """Two samples of two and three frames, brighter from frame to frame."""
     lines, light = [], iter(np.linspace(0.1, 0.9, 5, dtype=np.float32))
     for index, count in enumerate((2, 3)):
         folder, frames = f"takes/{index:06d}", []
@@ -39,7 +39,7 @@ def brightness(frame, data):
     return float(read_image(data / frame["file_path"], 6, 4).mean())
 
 
-def test_frames_know_their_take_and_their_files(data):
+def test_frames_know_their_sample_and_their_files(data):
     frames = list(read_frames(data))
     assert [frame["take"]["index"] for frame in frames] == [0, 0, 1, 1, 1]
     assert frames[3]["labels"] == {"moving": "takes/000001/images/0001.exr"}
@@ -52,14 +52,14 @@ def test_a_manifest_that_cannot_be_read_says_why(data):
     with pytest.raises(
         OSError, match="nowhere/manifest.jsonl: cannot be read.*sample=cameras dataset.count"
     ):
-        list(read_takes(data / "nowhere"))
+        list(read_samples(data / "nowhere"))
     path = data / "manifest.jsonl"
     path.write_text(path.read_text().replace('"version": 1', '"version": 2'))
     with pytest.raises(ValueError, match="line 1 is of version 2, this gaussray reads version 1"):
-        list(read_takes(data))
+        list(read_samples(data))
     path.write_text("{\n")
     with pytest.raises(ValueError, match="line 1: malformed JSON"):
-        list(read_takes(data))
+        list(read_samples(data))
 
 
 def test_jax_reads_every_frame_once_in_an_order_of_the_key(data):

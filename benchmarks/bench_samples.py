@@ -1,6 +1,6 @@
 """Samples of a randomised dataset: how many an hour, and whether memory stays flat.
 
-python -m benchmarks.bench_takes --out DIR [--takes 2000] [--words KEY=VALUE ...]
+python -m benchmarks.bench_samples --out DIR [--samples 2000] [--words KEY=VALUE ...]
 
 Renders frames of 128 x 128 of the sample scene with cameras of all lens models (`sample=cameras`
 with every file of conf/lens that needs no other). Prints a line every minute: samples, memory
@@ -32,7 +32,7 @@ def main() -> None:
     """Run it."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, required=True, help="an empty folder")
-    parser.add_argument("--takes", type=int, default=2000)
+    parser.add_argument("--samples", type=int, default=2000)
     parser.add_argument("--words", nargs="*", default=[], help="further words of the command")
     chosen = parser.parse_args()
     lenses = sorted({path.stem for path in (conf_folder() / "lens").glob("*.yaml")} - {*_NOT_ALONE})
@@ -40,18 +40,22 @@ def main() -> None:
     watch.start()
     gaussray(
         [
-            *("render", "scene=sample", "sample=cameras", f"dataset.count={chosen.takes}"),
+            *("render", "scene=sample", "sample=cameras", f"dataset.count={chosen.samples}"),
             *(f"out={chosen.out}", "report=false", f"sample.lens.choice=[{','.join(lenses)}]"),
             *chosen.words,
         ]
     )
     watch.end()
-    later = watch.takes[len(watch.takes) // 2 :]
+    later = watch.samples[len(watch.samples) // 2 :]
     seconds, overhead = (statistics.median(x) for x in zip(*later, strict=True))
-    values = {"takes": len(watch.takes), "lenses": len(lenses), "seconds": round(seconds, 3)}
-    mean = sum(take for take, _ in later) / len(later)
-    values |= {"overhead": round(overhead, 3), "takes_per_hour": round(3600 / mean)}
-    print(json.dumps(record("takes", **values, **watch.memory())))
+    values = {
+        "dataset_samples": len(watch.samples),
+        "lenses": len(lenses),
+        "seconds": round(seconds, 3),
+    }
+    mean = sum(seconds for seconds, _ in later) / len(later)
+    values |= {"overhead": round(overhead, 3), "samples_per_hour": round(3600 / mean)}
+    print(json.dumps(record("samples", **values, **watch.memory())))
 
 
 class Watch(threading.Thread):
@@ -59,16 +63,16 @@ class Watch(threading.Thread):
 
     def __init__(self, interval: float = 60.0):
         super().__init__(daemon=True)
-        self.takes: list[tuple[float, float]] = []
+        self.samples: list[tuple[float, float]] = []
         self.states: list[dict[str, Any]] = []
         self._interval, self._ended, self._rendering = interval, threading.Event(), 0.0
-        self._film, self._render = Renderer.render_frames, generate._render
+        self._developed, self._render = Renderer.render_developed, generate._render
 
     def start(self) -> None:
         watch = self
 
-        def film(renderer: Renderer, cameras: Any) -> Iterator[Any]:
-            frames = watch._film(renderer, cameras)
+        def developed(renderer: Renderer, cameras: Any, develop: Any) -> Iterator[Any]:
+            frames = watch._developed(renderer, cameras, develop)
             while True:
                 began = time.monotonic()
                 frame = next(frames, None)
@@ -84,10 +88,10 @@ class Watch(threading.Thread):
             rendered = watch._render(*parts)
             now = time.monotonic()
             taken, before[0] = now - before[0], now
-            watch.takes.append((taken, taken - watch._rendering))
+            watch.samples.append((taken, taken - watch._rendering))
             return rendered
 
-        Renderer.render_frames, generate._render = film, render
+        Renderer.render_developed, generate._render = developed, render
         super().start()
 
     def run(self) -> None:
@@ -98,18 +102,18 @@ class Watch(threading.Thread):
         """Stop looking."""
         self._ended.set()
         self._look()
-        Renderer.render_frames, generate._render = self._film, self._render
+        Renderer.render_developed, generate._render = self._developed, self._render
 
     def memory(self) -> dict[str, Any]:
         """Mappings and megabytes, in the middle of the samples and at the end."""
-        half = next(s for s in self.states if s["takes"] >= len(self.takes) // 2)
+        half = next(s for s in self.states if s["samples"] >= len(self.samples) // 2)
         return {f"{k}_{n}": s[k] for n, s in (("half", half), ("end", self.states[-1]))
                 for k in ("mappings", "megabytes")}  # fmt: skip
 
     def _look(self) -> None:
         mappings = Path("/proc/self/maps").read_bytes().count(b"\n")
         pages = int(Path("/proc/self/statm").read_text().split()[1])
-        state = {"takes": len(self.takes), "mappings": mappings}
+        state = {"samples": len(self.samples), "mappings": mappings}
         self.states.append(state | {"megabytes": round(pages * 4096 / 1e6)})
         print(self.states[-1], flush=True)
 

@@ -1,5 +1,7 @@
-"""A generated dataset on disk: a folder (`takes/000000`) and a line of the manifest for each sample
-(takes.md)."""
+"""The manifest of a generated dataset: one line for each sample (sample_manifest.md).
+
+A sample is a camera that was drawn, and its frames. Its files are in the folder `takes/000000`.
+"""
 
 import json
 import math
@@ -23,12 +25,12 @@ from gaussray.runtime.provenance import git_commit
 
 # Of the schema: raised when a key changes its meaning or goes; keys may be added.
 VERSION = 1
-MANIFEST, LINE = "manifest.jsonl", "take.json"
+MANIFEST, SAMPLE_FILE = "manifest.jsonl", "take.json"
 # Keys that a message names.
 _NAMED = 5
 
 
-def folder_of(index: int) -> str:
+def sample_folder(index: int) -> str:
     """The folder of a sample within the dataset."""
     return f"takes/{index:06d}"
 
@@ -43,7 +45,7 @@ def is_complete(folder: Path, facts: Mapping[str, Any]) -> bool:
     Raises:
         ValueError: The sample in the folder was rendered from other facts.
     """
-    line = folder / LINE
+    line = folder / SAMPLE_FILE
     if not line.exists():
         return False
     there = read_json(line)
@@ -74,7 +76,7 @@ def _changes(before: Mapping[str, Any], now: Mapping[str, Any], prefix: str = ""
     return keys
 
 
-def write_take(folder: Path, facts: Mapping[str, Any], records: Sequence[FrameRecord]) -> None:
+def write_sample(folder: Path, facts: Mapping[str, Any], records: Sequence[FrameRecord]) -> None:
     """Write the manifest line of a sample, which marks it as complete.
 
     It holds the facts, the frames of the camera files, and the time at which each row is exposed.
@@ -86,11 +88,11 @@ def write_take(folder: Path, facts: Mapping[str, Any], records: Sequence[FrameRe
     """
     made_by = {"gaussray": version("gaussray"), "git": _commit()}
     line = json.dumps({**_json(facts), **made_by, **_frame_facts(folder, records)}, allow_nan=False)
-    with atomic_path(folder / LINE) as partial:
+    with atomic_path(folder / SAMPLE_FILE) as partial:
         partial.write_text(line + "\n", encoding="utf-8")
 
 
-def append_take(data: Path, index: int) -> None:
+def append_to_manifest(data: Path, index: int) -> None:
     """Append the line of a complete sample to the manifest.
 
     It is a single write, so that the processes of several shards can append.
@@ -99,7 +101,7 @@ def append_take(data: Path, index: int) -> None:
         data: folder of the dataset.
         index: index of the sample.
     """
-    line = (data / folder_of(index) / LINE).read_bytes()
+    line = (data / sample_folder(index) / SAMPLE_FILE).read_bytes()
     manifest = os.open(data / MANIFEST, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
     try:
         os.write(manifest, line)
@@ -107,7 +109,7 @@ def append_take(data: Path, index: int) -> None:
         os.close(manifest)
 
 
-def write_takes(data: Path, count: int) -> int:
+def write_sample_manifest(data: Path, count: int) -> int:
     """Write the manifest of the complete samples, sorted by index: also of those that an earlier
     run with a larger number of samples has left.
 
@@ -118,7 +120,7 @@ def write_takes(data: Path, count: int) -> int:
     Returns:
         The number of samples that are missing.
     """
-    there = sorted((data / folder_of(0)).parent.glob(f"[0-9]*/{LINE}"), key=_index_of)
+    there = sorted((data / sample_folder(0)).parent.glob(f"[0-9]*/{SAMPLE_FILE}"), key=_index_of)
     missing = count - sum(_index_of(line) < count for line in there)
     if not missing:
         remove_partial_files(data)
@@ -134,7 +136,7 @@ def _index_of(line: Path) -> int:
     return int(line.parent.name) if line.parent.name.isdecimal() else 0
 
 
-def read_takes(data: Path | str) -> Iterator[dict[str, Any]]:
+def read_samples(data: Path | str) -> Iterator[dict[str, Any]]:
     """The lines of a dataset's manifest, one after another.
 
     Raises:
@@ -153,41 +155,41 @@ def read_takes(data: Path | str) -> Iterator[dict[str, Any]]:
         while line := file.readline(most + 1):
             number += 1
             within(path, f"line {number} in MB", len(line), "text", 1e6)
-            yield _take_of(f"{path}: line {number}", line)
+            yield _parse_sample(f"{path}: line {number}", line)
 
 
-def _take_of(where: str, line: bytes) -> dict[str, Any]:
+def _parse_sample(where: str, line: bytes) -> dict[str, Any]:
     """A sample from its line; its index, folder and frames are checked."""
-    take = parse_json(where, line)
-    if not isinstance(take, dict) or take.get("version") != VERSION:
-        version = take.get("version") if isinstance(take, dict) else None
+    sample = parse_json(where, line)
+    if not isinstance(sample, dict) or sample.get("version") != VERSION:
+        version = sample.get("version") if isinstance(sample, dict) else None
         raise ValueError(
             f"{where} is of version {version!s:.80}, this gaussray reads version {VERSION}."
         )
-    frames, named = take.get("frames"), [take.get("folder")]
+    frames, named = sample.get("frames"), [sample.get("folder")]
     valid = isinstance(frames, list)
     for frame in frames if isinstance(frames, list) else []:
         labels = frame.get("labels", {}) if isinstance(frame, dict) else None
         valid = valid and isinstance(labels, dict)
         named += [frame.get("file_path"), *labels.values()] if isinstance(labels, dict) else []
-    if not valid or type(take.get("index")) is not int or take["index"] < 0:
+    if not valid or type(sample.get("index")) is not int or sample["index"] < 0:
         raise ValueError(f"{where} must hold index, folder and frames of a sample.")
     if not all(isinstance(name, str) and name for name in named):
         raise ValueError(f"{where} must name files by texts that are not empty.")
-    return take
+    return sample
 
 
 def read_frames(data: Path | str) -> Iterator[dict[str, Any]]:
-    """The frames of all samples, in order, each with the line of its sample as `take`. Paths are
-    relative to the dataset's folder."""
-    for take in read_takes(data):
-        folder = Path(take["folder"])
-        for frame in take["frames"]:
+    """The frames of all samples, in order, each with the line of its sample under the key `take`.
+    Paths are relative to the dataset's folder."""
+    for sample in read_samples(data):
+        folder = Path(sample["folder"])
+        for frame in sample["frames"]:
             files = {"file_path": (folder / frame["file_path"]).as_posix()}
             if "labels" in frame:
                 named = frame["labels"].items()
                 files["labels"] = {name: (folder / path).as_posix() for name, path in named}
-            yield {**frame, **files, "take": take}
+            yield {**frame, **files, "take": sample}
 
 
 def _frame_facts(folder: Path, records: Sequence[FrameRecord]) -> dict[str, Any]:
