@@ -29,7 +29,7 @@ from gaussray.reconstruct.simplify.measure import (
     one_color_psnr,
     tile_views,
 )
-from gaussray.reconstruct.simplify.summary import scene_sizes
+from gaussray.reconstruct.simplify.summary import part_counts
 from gaussray.runtime.progress import ProgressReport
 from gaussray.scene.deformation import HEADS, Deformation
 from gaussray.scene.scene import Scene
@@ -133,7 +133,7 @@ class _Removals:
         return psnr
 
     def _record(self, step: str, candidate: Candidate, psnr: float, removed: bool) -> None:
-        before, after = self.sizes, scene_sizes(finished_scene(candidate))
+        before, after = self.sizes, part_counts(finished_scene(candidate))
         changed = {k: [before[k], after[k]] for k in before if before[k] != after[k]}
         lost = round(self.psnr - psnr, 4)
         self.steps.append({"step": step, "taken": removed, "loss": lost, **changed})
@@ -147,7 +147,7 @@ def _measurements(scene: Scene, *, masked: bool) -> dict[str, int]:
         name: int(np.sqrt(getattr(scene, name).harmonics.shape[1])) - 1
         for name in ("static", "moving")
     }
-    sizes = scene_sizes(scene)
+    sizes = part_counts(scene)
     plan = {"nothing": 1, "hidden": BISECTIONS * masked, "prune": BISECTIONS}
     plan |= {"shading": 1, "rest": BISECTIONS}
     return plan | {"reduce": sizes["heads"] + 2 * sizes["scales"]} | degree | {"rounding": 1}
@@ -181,7 +181,7 @@ def pruned_scene(
         report: called after every measurement, with what it was of.
 
     Returns:
-        The scene as it is saved, and a report: `scene_sizes` and PSNR `before` and `after`, every
+        The scene as it is saved, and a report: `part_counts` and PSNR `before` and `after`, every
         step with its loss in dB and what it changes, the `precision` of the file, and the PSNR of
         the unpruned scene (`psnr`) and of one colour per camera (`one_color`). With a loss of 0 the
         report holds only the last three.
@@ -204,7 +204,7 @@ def pruned_scene(
     if not options.loss:
         scores = {"psnr": meter.psnr(candidate), "one_color": one_color}
         return as_stored(scene, precision=precision), scores | {"precision": precision}
-    sizes = scene_sizes(scene)
+    sizes = part_counts(scene)
     removals = _Removals(candidate, sizes, meter, options.loss, report)
     scores = {"psnr": removals.psnr, "one_color": one_color}
     before = sizes | {"psnr": round(removals.psnr, 4)}
@@ -231,7 +231,7 @@ def pruned_scene(
         scene = stored
     else:
         precision = "full"
-    after = scene_sizes(scene) | {"psnr": round(removals.psnr, 4)}
+    after = part_counts(scene) | {"psnr": round(removals.psnr, 4)}
     steps = {"before": before, "after": after, "steps": removals.steps}
     return scene, steps | scores | {"precision": precision}
 
@@ -320,7 +320,7 @@ def _reduce_field(removals: _Removals, times: Float[np.ndarray, " instants"]) ->
     for head in HEADS:
         if removals.sizes["heads"]:
             removals.remove(f"head {head}", without_head(removals.candidate, head))
-    for scale in range(scene_sizes(removals.candidate.scene)["scales"]):
+    for scale in range(part_counts(removals.candidate.scene)["scales"]):
         if removals.sizes["scales"] and not removals.remove(
             f"scale {scale}", without_scale(removals.candidate, scale, times)
         ):

@@ -10,7 +10,7 @@ from gaussray.scene.deformation import HEADS, Deformation
 from gaussray.scene.scene import Scene, transient_count
 
 
-def scene_sizes(scene: Scene) -> dict[str, int]:
+def part_counts(scene: Scene) -> dict[str, int]:
     """How many Gaussians (all, moving, transient), rigid bodies, network heads, plane scales and
     rows a scene holds, at how many times shadows pass, its degree of harmonics, and the bytes of
     all its arrays."""

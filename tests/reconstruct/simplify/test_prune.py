@@ -13,7 +13,7 @@ from gaussray.capture.formats.paired import read_capture
 from gaussray.reconstruct.data.pictures import footage
 from gaussray.reconstruct.simplify.measure import Tracing, TrainingViews
 from gaussray.reconstruct.simplify.prune import PruneOptions, pruned_scene
-from gaussray.reconstruct.simplify.summary import scene_sizes, summary_line
+from gaussray.reconstruct.simplify.summary import part_counts, summary_line
 from gaussray.scene.gaussians import Gaussians, concatenate
 from gaussray.scene.scene import Scene
 from gaussray.tracer.shard import mesh
@@ -132,8 +132,8 @@ def test_the_field_goes_and_the_body_stays(told):
 def test_every_step_is_told_and_costs_at_most_what_it_may(told, lavish):
     scene, report = told
     now = {name: value for name, value in report["after"].items() if name != "psnr"}
-    assert now == scene_sizes(scene)
-    was = scene_sizes(lavish)
+    assert now == part_counts(scene)
+    was = part_counts(lavish)
     for step in report["steps"]:
         assert step["taken"] == (step["loss"] <= OPTIONS.loss)
         for name in was.keys() & step.keys():
