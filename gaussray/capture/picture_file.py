@@ -245,6 +245,8 @@ def open_image(path: Path | str) -> "oiio.ImageInput":
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"{path}: the picture does not exist.")
+    if not path.stat().st_size:
+        raise OSError(f"{path}: the file is empty. Copy it again.")
     raw = oiio.ImageSpec()
     # Without it OpenImageIO multiplies straight colours by alpha, and rounds them.
     raw["oiio:UnassociatedAlpha"] = 1

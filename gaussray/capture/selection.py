@@ -100,7 +100,9 @@ def _with_pictures(capture: Capture, missing: str) -> Capture:
     )
     if missing == "error" or len(absent) == len(every):
         hint = absent_picture_hint(capture.folder, first.name)
-        raise CaptureError(f"{text}.{hint} Copy their own pictures there, or remove the frames.")
+        raise CaptureError(
+            f"{text}.{hint} Copy the pictures of these frames there, or remove them."
+        )
     warnings.warn(f"{text}; they are left out.", CaptureWarning, stacklevel=4)
 
     return capture.with_views(lambda views: [view for view in views if id(view) not in absent])

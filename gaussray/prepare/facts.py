@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from gaussray.prepare.epipolar import EpipolarPair
-from gaussray.prepare.findings import camera_lenses, picture_errors
+from gaussray.prepare.findings import camera_lenses, picture_errors, picture_name
 from gaussray.prepare.lens_check import corner_distortion
 from gaussray.prepare.lens_models import lens_fov
 from gaussray.prepare.poses import Placement
@@ -94,7 +94,7 @@ def _pair(
         instant = common if shot.camera in placement.still else shot.instant
         path = files[shot.camera][instant].relative_to(out).as_posix()
         one = len(files[shot.camera]) == 1 or shot.camera in placement.still
-        label = shot.camera if one else f"{shot.camera} {instant}"
+        label = shot.camera if one else picture_name(shot, placement)
         return {"label": label, "file": path}
 
     size = placement.model.lenses[placement.model.pictures.index(pair.second)]

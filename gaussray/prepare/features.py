@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 from gaussray.prepare.colmap import pycolmap
 from gaussray.prepare.lens_models import MODEL_OF_CHOICE, LensKeyValues, start_focal, to_colmap
 from gaussray.prepare.options import PosesOptions
-from gaussray.runtime.progress import Progress
+from gaussray.runtime.progress import Progress, say
 
 
 # Up to so many pictures all pairs are matched; of more, neighbours in time and far ones in steps.
@@ -20,6 +20,8 @@ EXHAUSTIVE = 100
 _NEAR, _STRIDE = 12, 10
 # Pairs that are matched, and pictures in which features are found, between two reports of progress.
 _BLOCK, _PICTURES = 200, 16
+# Pairs from which on a line tells their number.
+_TOLD = 20
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,12 +33,14 @@ class MatchingPicture:
         camera: name of its camera.
         instant: index of its timestamp.
         size: columns and rows.
+        photograph: name of the user's file that it is; empty for a frame of a video.
     """
 
     file: str
     camera: str
     instant: int
     size: tuple[int, int]
+    photograph: str = ""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -152,6 +156,8 @@ def match_features(database: Path, pairs: Sequence[tuple[str, str]], seed: int) 
         seed: seed of RANSAC, which finds the geometry.
     """
     colmap = pycolmap()
+    if len(pairs) > _TOLD:
+        say(f"Features of {len(pairs)} pairs of pictures are matched.")
     listed, options = database.with_suffix(".pairs.txt"), colmap.ImportedPairingOptions()
     options.match_list_path = listed
     verification = colmap.TwoViewGeometryOptions()

@@ -133,7 +133,7 @@ def camera_findings(placement: Placement) -> list[Finding]:
         text = f"only {found} of {total} pictures have a pose"
         return [Finding("refuse", "cameras", text, remedy)]
     if missing:
-        names = ", ".join(_picture_name(p, placement) for p in missing[:8])
+        names = ", ".join(picture_name(p, placement) for p in missing[:8])
         text = f"{found} of {total} pictures have a pose; left out: {names}"
         findings = [Finding("warn", "cameras", text, remedy)]
     else:
@@ -231,7 +231,7 @@ def point_findings(placement: Placement) -> list[Finding]:
         return [Finding("warn", "points", text, remedy)]
     shown = [placement.pictures[file] for file in model.pictures]
     counts = zip(shown, observations_by_picture(model), strict=True)
-    few = [_picture_name(p, placement) for p, count in counts if count < OBSERVATIONS]
+    few = [picture_name(p, placement) for p, count in counts if count < OBSERVATIONS]
     scale = max(lens["w"] for lens in model.lenses) / 1000
     median = float(np.median(model.observations.error))
     findings = []
@@ -300,10 +300,20 @@ def exposure_findings(gains: dict[str, tuple[np.ndarray, int]]) -> list[Finding]
     return [Finding("good", "exposure", f"cameras agree to {size:.2f} stops")]
 
 
-def _picture_name(picture: MatchingPicture, placement: Placement) -> str:
-    """A camera that stands still has one pose, for which its name stands."""
-    still = picture.camera in placement.still
-    return picture.camera if still else f"{picture.camera} {picture.instant}"
+def picture_name(picture: MatchingPicture, placement: Placement) -> str:
+    """What messages call a picture. A camera that stands still has one pose, for which its name
+    stands; a photograph is called as its file, with its camera if there are several.
+
+    Args:
+        picture: one of the placement.
+        placement: the cameras that stand still, and all pictures.
+    """
+    if picture.camera in placement.still:
+        return picture.camera
+    if not picture.photograph:
+        return f"{picture.camera} {picture.instant}"
+    alone = len({other.camera for other in placement.pictures.values()}) == 1
+    return picture.photograph if alone else f"{picture.camera}/{picture.photograph}"
 
 
 def camera_lenses(placement: Placement) -> dict[str, dict]:

@@ -1,7 +1,6 @@
 """Poses from matches: estimated together with lenses, or known and triangulated only."""
 
 import dataclasses
-import itertools
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -28,6 +27,7 @@ from gaussray.prepare.missing_poses import (
 )
 from gaussray.prepare.options import PosesOptions
 from gaussray.prepare.sparse_model import SparseModel, sparse_model_of
+from gaussray.runtime.output import counted
 from gaussray.runtime.progress import Progress, say
 
 
@@ -76,6 +76,7 @@ def estimate_poses(
     """
     with pycolmap().Database.open(database) as db:
         total = db.num_images()
+    say(f"Poses of {total} pictures are estimated, if need be in several attempts.")
     found = _reconstruction(database, pictures, options)
     # Of pictures from one place, more tries find points that are none.
     again = found is not None or flat_pairs(database)[0] < MOSTLY_FLAT
@@ -131,6 +132,37 @@ def _forget_distortion(database: Path) -> None:
             db.update_camera(new)
 
 
+class _Attempts:
+    """Shows how many pictures have a pose in each of the mapper's attempts. How many there will be
+    is not known, nor how much time is left."""
+
+    def __init__(self, total: int):
+        self.total, self.number, self.placed = total, 0, 0
+        # Units without cost have no time left.
+        self.progress = Progress("poses", total, patience=2.0, parts=[(total, 0.0)])
+
+    def begin(self) -> None:
+        """An attempt has placed its first two pictures."""
+        self.number, self.placed = self.number + 1, _LEAST
+        self._report()
+
+    def advance(self) -> None:
+        """An attempt has placed one more picture."""
+        self.placed += 1
+        self._report()
+
+    def end(self, placed: int) -> None:
+        """The attempts are over, the best of which has placed so many pictures."""
+        self.progress.report(
+            placed, f"have a pose in the best of {counted(self.number, 'attempt')}"
+        )
+
+    def _report(self) -> None:
+        # The last picture is not the end: all are adjusted, and some placed again or once more.
+        if self.placed < self.total:
+            self.progress.report(self.placed, f"have a pose in attempt {self.number}")
+
+
 def _reconstruction(
     database: Path, pictures: Path, options: PosesOptions, hold_focal: bool = False
 ) -> Any:
@@ -148,17 +180,18 @@ def _reconstruction(
         mapping.triangulation.ignore_two_view_tracks = False
         mapping.mapper.init_min_tri_angle = _PAIR_ANGLE
         mapping.mapper.filter_min_tri_angle = mapping.triangulation.min_angle = _POINT_ANGLE
-    progress, tried = Progress("poses", total, patience=2.0), itertools.count(1)
+    attempts = _Attempts(total)
     with tempfile.TemporaryDirectory() as out:
         models = colmap.incremental_mapping(
             database,
             pictures,
             out,
             mapping,
-            # Of several attempts each counts its pictures.
-            next_image_callback=lambda: progress.report(min(next(tried), total)),
+            initial_image_pair_callback=attempts.begin,
+            next_image_callback=attempts.advance,
         )
     best = max(models.values(), key=lambda m: (m.num_reg_images(), m.num_points3D()), default=None)
+    attempts.end(0 if best is None else best.num_reg_images())
     seen = best.compute_num_observations() if best is not None else 0
     # A camera that only turns gets arbitrary poses, with hardly a point.
     return None if best is None or not seen or lacks_parallax(database, seen) else best

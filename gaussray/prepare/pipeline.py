@@ -41,7 +41,7 @@ def prepare_capture(
     """Make a capture of videos, or of folders of pictures.
 
     Args:
-        videos: folder with a video, or a folder of pictures, for each camera.
+        videos: folder with a video, or a folder of pictures, for each camera; or one video.
         out: folder of the capture: transforms.json, points3d.ply, the frames, and prepare.json
             with what the checks found.
         options: how clocks, frames and poses are found.

@@ -149,13 +149,16 @@ def _write_pictures(
     pictures = []
     for k, source in enumerate(sources):
         chosen = few if source.name in still else range(last + 1)
-        sizes = [source.size(int(timeline.frames[source.name][i])) for i in chosen]
+        frames = [int(timeline.frames[source.name][i]) for i in chosen]
+        sizes = [source.size(frame) for frame in frames]
         names = write_matching_pictures(files[source.name], chosen, work / f"{k:03d}", sizes)
         if options.poses.masks:
             place = work / MASK_FOLDER / f"{k:03d}"
             write_matching_masks(files[source.name], chosen, place, names, sizes)
-        for name, i, size in zip(names, chosen, sizes, strict=True):
-            pictures.append(MatchingPicture(f"{k:03d}/{name}", source.name, i, size))
+        for name, i, frame, size in zip(names, chosen, frames, sizes, strict=True):
+            photograph = "" if source.is_video else source.pictures[frame].name
+            one = MatchingPicture(f"{k:03d}/{name}", source.name, i, size, photograph)
+            pictures.append(one)
     return pictures
 
 

@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Float
 
 from gaussray.capture.errors import CaptureWarning
-from gaussray.capture.side_folders import holds_other_maps
 from gaussray.capture.videos import (
     VIDEO_SUFFIXES,
     open_video,
@@ -19,23 +18,26 @@ from gaussray.capture.videos import (
 )
 from gaussray.io.natural_order import natural_order
 from gaussray.prepare.errors import PrepareError
+from gaussray.prepare.input_files import (
+    MEDIA_SUFFIXES,
+    camera_folders,
+    files_in,
+    photographs_in,
+    unread_files,
+)
 from gaussray.prepare.names_of_cameras import pictures_by_camera
 from gaussray.prepare.photographs import PHOTOGRAPH_SUFFIXES, photograph_size
+from gaussray.prepare.two_views import warn_of_two_views
 from gaussray.runtime.output import counted
 from gaussray.runtime.progress import say
 
 
 # Intervals of a video may differ from their median by this share of it.
 _EVEN = 0.25
-_SUFFIXES = (*VIDEO_SUFFIXES, *PHOTOGRAPH_SUFFIXES)
-# Videos and photographs that are not read: raw formats, those of 360-degree cameras, animations.
-_UNREAD = (
-    *(".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".gif", ".avif", ".jp2"),
-    *(".pgm", ".ppm", ".pnm"),
-    *(".insv", ".insp", ".360", ".wmv", ".flv", ".ts", ".vob"),
-)
 # Cameras that a message names.
 _NAMED = 3
+# A folder with so many times as many pictures as another may not be one of the same cameras.
+_UNEQUAL = 2
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -100,7 +102,7 @@ class Source:
 
 
 def find_sources(folder: Path | str) -> list[Source]:
-    """The cameras of an input folder, in the natural order of their names.
+    """The cameras of an input folder, in the natural order of their names; or that of a video.
 
     A camera is a video in the folder, a subfolder of pictures, or a subfolder with one video. A
     folder that holds nothing but pictures, or a single folder of pictures, is one camera; these may
@@ -114,27 +116,28 @@ def find_sources(folder: Path | str) -> list[Source]:
     """
     folder = Path(folder)
     if folder.is_file():
+        if folder.suffix.lower() in VIDEO_SUFFIXES:
+            return [_video(folder.stem, folder)]
         raise PrepareError(
-            f"videos={folder}: must be the folder of the videos or pictures, got a file. Put it "
-            "into a folder of its own, and name that."
+            f"videos={folder}: must be a video or the folder of the videos or pictures, got "
+            "another file. Put it into a folder of its own, and name that."
         )
     if not folder.is_dir():
         raise FileNotFoundError(f"videos={folder}: the folder does not exist.")
-    videos, beside = _files(folder, VIDEO_SUFFIXES), _files(folder, PHOTOGRAPH_SUFFIXES)
-    inside = sorted((p for p in folder.iterdir() if p.is_dir()), key=natural_order)
-    inside = _without_other_maps(inside, alone=not videos and not beside)
+    videos, beside = files_in(folder, VIDEO_SUFFIXES), photographs_in(folder)
+    inside = camera_folders(folder, alone=not videos and not beside)
     if not videos:
         inside = _without_fewer(folder, beside, inside)
     sources = [_video(path.stem, path) for path in videos]
     # Photographs in one folder alone are of a single camera, unless their names say several.
-    alone = not videos and sum(bool(_files(p, _SUFFIXES)) for p in inside) == 1
+    alone = not videos and sum(bool(files_in(p, MEDIA_SUFFIXES)) for p in inside) == 1
     _check_one_video(inside)
     for inner in inside:
         sources += _inner_sources(inner, alone)
     if sources and beside:
         _warn_of_unused(folder, beside, [source.name for source in sources])
     sources = sources or _photographs(folder, beside)
-    unread = [path.name for place in (folder, *inside) for path in _unread(place)]
+    unread = [path.name for place in (folder, *inside) for path in unread_files(place)]
     if sources and unread:
         _warn(
             f"videos={folder}: {len(unread)} files of formats that are not read "
@@ -142,6 +145,7 @@ def find_sources(folder: Path | str) -> list[Source]:
             "are meant."
         )
     _check_sources(folder, sources, unread)
+    _warn_of_counts(folder, sources)
     return sorted(sources, key=lambda source: natural_order(Path(source.name)))
 
 
@@ -149,7 +153,8 @@ def _check_sources(folder: Path, sources: list[Source], unread: list[str]) -> No
     """Refuse an input without cameras, or with two of one name."""
     if not sources:
         deeper = next(
-            (p for p in sorted(folder.glob("*/*")) if p.is_dir() and _files(p, _SUFFIXES)), None
+            (p for p in sorted(folder.glob("*/*")) if p.is_dir() and files_in(p, MEDIA_SUFFIXES)),
+            None,
         )
         raise PrepareError(
             f"videos={folder}: must hold a video ({' '.join(VIDEO_SUFFIXES)}) or a folder of "
@@ -166,6 +171,20 @@ def _check_sources(folder: Path, sources: list[Source], unread: list[str]) -> No
         )
 
 
+def _warn_of_counts(folder: Path, sources: list[Source]) -> None:
+    """Tell of folders that have far more pictures than others: cameras have as many as the least
+    has, and one of them may be no camera."""
+    counts = {source.name: source.count for source in sources if not source.is_video}
+    few = min(counts, key=counts.__getitem__, default="")
+    if counts and max(counts.values()) >= _UNEQUAL * counts[few]:
+        many = max(counts, key=counts.__getitem__)
+        _warn(
+            f"videos={folder}: {many} has {counted(counts[many], 'picture')} and {few} "
+            f"{counts[few]}: only the first {counts[few]} of each folder are used, as of cameras. "
+            "Move folders that are no cameras out of the input."
+        )
+
+
 def _warn(text: str) -> None:
     warnings.warn(text, CaptureWarning, stacklevel=4)
 
@@ -176,9 +195,9 @@ def _listed(names: Sequence[str]) -> str:
 
 def _without_fewer(folder: Path, beside: list[Path], inside: list[Path]) -> list[Path]:
     """The subfolders, or none with a warning if they hold fewer pictures than lie beside them."""
-    held = [path for path in inside if _files(path, _SUFFIXES)]
-    count = sum(len(_files(path, PHOTOGRAPH_SUFFIXES)) for path in held)
-    if not held or len(beside) <= count or any(_files(path, VIDEO_SUFFIXES) for path in held):
+    held = [path for path in inside if files_in(path, MEDIA_SUFFIXES)]
+    count = sum(len(files_in(path, PHOTOGRAPH_SUFFIXES)) for path in held)
+    if not held or len(beside) <= count or any(files_in(path, VIDEO_SUFFIXES) for path in held):
         return inside
     folders = _listed([path.name for path in held])
     _warn(
@@ -199,36 +218,9 @@ def _warn_of_unused(folder: Path, beside: list[Path], names: list[str]) -> None:
     )
 
 
-def _without_other_maps(folders: list[Path], *, alone: bool) -> list[Path]:
-    """The folders without those of depth maps and masks, with a warning; all of them, where there
-    is nothing else that could be a camera (`alone`: beside them is none)."""
-    other = [path for path in folders if holds_other_maps(path) and _files(path, _SUFFIXES)]
-    cameras = [path for path in folders if path not in other and _files(path, _SUFFIXES)]
-    if not other or (alone and not cameras):
-        return folders
-    names = ", ".join(path.name for path in other[:_NAMED])
-    warnings.warn(
-        f"videos={other[0].parent}: {names}: by the name no pictures of a camera (masks that are "
-        "named as the pictures count as masks). Rename what is a camera.",
-        CaptureWarning,
-        stacklevel=3,
-    )
-    return [path for path in folders if path not in other]
-
-
-def _files(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:
-    hidden = (path for path in folder.iterdir() if not path.name.startswith("."))
-    found = (path for path in hidden if path.suffix.lower() in suffixes and path.is_file())
-    return sorted(found, key=natural_order)
-
-
-def _unread(folder: Path) -> list[Path]:
-    """Files of other formats, but those of pictures that are read as well (raw beside JPEG)."""
-    read = {path.stem for path in _files(folder, _SUFFIXES)}
-    return [path for path in _files(folder, _UNREAD) if path.stem not in read]
-
-
 def _video(name: str, path: Path) -> Source:
+    if not path.stat().st_size:
+        raise PrepareError(f"{path}: the video is an empty file. Copy it again, or take it away.")
     with open_video(path) as container:
         stream = video_stream(path, container)
         packets, size = [], None
@@ -236,7 +228,9 @@ def _video(name: str, path: Path) -> Source:
             if packet.size and not packet.is_discard and packet.pts is not None:
                 packets.append((packet.pts, packet.size))
             if size is None and (frame := next(iter(packet.decode()), None)) is not None:
-                size = upright(path, frame).shape[1::-1]
+                picture = upright(path, frame)
+                warn_of_two_views(path, picture)
+                size = picture.shape[1::-1]
         ticks = picture_ticks(path, stream.codec_context.name, packets)
         times = np.array(ticks, np.float64) * float(stream.time_base)
         sound = bool(container.streams.audio)
@@ -261,7 +255,7 @@ def check_frames(source: Source, decoded: int) -> None:
 
 def _check_one_video(inside: Sequence[Path]) -> None:
     """Refuse folders of cameras of which one holds several videos."""
-    names = {path: [p.name for p in _files(path, VIDEO_SUFFIXES)] for path in inside}
+    names = {path: [p.name for p in files_in(path, VIDEO_SUFFIXES)] for path in inside}
     names = {path: own for path, own in names.items() if own}
     several = next((path for path, own in names.items() if len(own) > 1), None)
     if several is None:
@@ -282,7 +276,7 @@ def _check_one_video(inside: Sequence[Path]) -> None:
 
 def _inner_sources(inner: Path, alone: bool) -> list[Source]:
     """The cameras of a subfolder: one, or several if it is alone and its pictures' names say so."""
-    videos, pictures = _files(inner, VIDEO_SUFFIXES), _files(inner, PHOTOGRAPH_SUFFIXES)
+    videos, pictures = files_in(inner, VIDEO_SUFFIXES), photographs_in(inner)
     if videos:
         return [_video(inner.name, videos[0])]
     return _photographs(inner, pictures) if alone else _camera(inner.name, inner, pictures)

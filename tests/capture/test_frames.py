@@ -126,6 +126,12 @@ def test_a_missing_picture_is_named(tmp_path):
         read_image(tmp_path / "nowhere.png", 32, 24)
 
 
+def test_an_empty_picture_is_called_empty(tmp_path):
+    (tmp_path / "a.png").write_bytes(b"")
+    with pytest.raises(OSError, match="a.png: the file is empty. Copy it again."):
+        read_image(tmp_path / "a.png", 32, 24)
+
+
 @pytest.mark.parametrize("suffix", ["png", "jpg", "exr"])
 @pytest.mark.parametrize("keep", [0.05, 0.5, 0.95, -3])
 def test_a_truncated_picture_fails_instead_of_inventing_pixels(tmp_path, suffix, keep):

@@ -90,6 +90,45 @@ def test_pictures_from_one_place_are_not_tried_again(monkeypatch, database):
         tried(monkeypatch, database, None)
 
 
+def test_progress_counts_the_pictures_of_each_attempt(tmp_path, database, monkeypatch):
+    reports = []
+
+    class Recorder(mapping.Progress):
+        def report(self, done, note=""):
+            super().report(done, note)
+            reports.append((done, note))
+
+    def incremental(*_, initial_image_pair_callback, next_image_callback):
+        for placed in (3, PICTURES):
+            initial_image_pair_callback()
+            for _ in range(placed - 2):
+                next_image_callback()
+        return {0: registered(PICTURES)}
+
+    monkeypatch.setattr(mapping, "Progress", Recorder)
+    monkeypatch.setattr(colmap, "incremental_mapping", incremental)
+    mapping._reconstruction(database, tmp_path, PosesOptions())
+    first, second = "have a pose in attempt 1", "have a pose in attempt 2"
+    assert reports[:5] == [(2, first), (3, first), *((k, second) for k in (2, 3, 4))]
+    # All pictures are placed at the end alone.
+    assert [done for done, _ in reports[5:]] == [5, PICTURES]
+    assert reports[-1][1] == "have a pose in the best of 2 attempts"
+
+
+def test_progress_of_poses_has_no_time_left_before_the_end():
+    lines = []
+    attempts = mapping._Attempts(PICTURES)
+    attempts.progress = mapping.Progress(
+        "poses", PICTURES, parts=attempts.progress.parts, write=lines.append
+    )
+    attempts.begin()
+    for _ in range(3):
+        attempts.progress.shown = -float("inf")
+        attempts.advance()
+    assert len(lines) == 4 and not any("left" in line for line in lines)
+    assert lines[-1].startswith("poses 5/6  have a pose in attempt 1")
+
+
 def test_cameras_without_distortion_keep_the_rest(database):
     mapping._forget_distortion(database)
     with colmap.Database.open(database) as db:

@@ -52,7 +52,7 @@ def test_what_is_no_input_is_refused_with_a_remedy(tmp_path):
     write_image(tmp_path / "b" / "0.png", BLACK)
     with pytest.raises(PrepareError, match="must have one size"):
         find_sources(tmp_path)
-    with pytest.raises(PrepareError, match="must be the folder of the videos or pictures"):
+    with pytest.raises(PrepareError, match="must be a video or the folder of the videos"):
         find_sources(tmp_path / "b" / "0.png")
 
 
@@ -64,7 +64,22 @@ def test_photographs_of_several_sizes_may_be_in_the_only_folder(tmp_path):
     assert source.sizes == ((48, 32), (48, 16))
 
 
-@pytest.mark.parametrize("name", ["depths", "Masks", "depth_maps", "seg"])
+def test_a_video_is_the_one_camera_of_its_folder(tmp_path):
+    for name in ("a", "b"):
+        write_video(tmp_path / f"{name}.mp4", [BLACK] * 3)
+    (source,) = find_sources(tmp_path / "a.mp4")
+    assert source.name == "a" and source.is_video and source.count == 3
+
+
+def test_an_empty_video_is_called_empty(tmp_path):
+    (tmp_path / "a.mp4").write_bytes(b"")
+    with pytest.raises(PrepareError, match="a.mp4: the video is an empty file"):
+        find_sources(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "name", ["depths", "Masks", "depth_maps", "seg", "Calibration", "chessboard_1", "intrinsics"]
+)
 def test_depth_maps_and_masks_are_no_cameras(tmp_path, name):
     for folder in ("rgb", name):
         write_image(tmp_path / folder / "0.png", BLACK)
@@ -98,6 +113,43 @@ def test_depth_maps_and_masks_within_the_photographs_folder_do_not_replace_them(
         (source,) = find_sources(tmp_path)
     assert [path.name for path in source.pictures] == ["img0.png", "img1.png", "img2.png"]
     assert mask_of(source.pictures[1], alone=True) == tmp_path / "masks" / "img1.png"
+
+
+@pytest.mark.parametrize(
+    ("picture", "others"),
+    [
+        ("frame-{:06d}.color", ["frame-{:06d}.depth"]),
+        ("{:04d}", ["{:04d}_mask", "{:04d}_normals", "{:04d} Confidence"]),
+        ("rgb{}", ["depth{}"]),
+    ],
+)
+def test_depth_maps_and_masks_beside_photographs_are_left_out(tmp_path, picture, others):
+    for k in range(3):
+        for name in (picture, *others):
+            write_image(tmp_path / f"{name.format(k)}.png", BLACK)
+    count = 3 * len(others)
+    with pytest.warns(CaptureWarning, match=f"{count} of {count + 3} files .* by their names no"):
+        (source,) = find_sources(tmp_path)
+    assert [path.stem for path in source.pictures] == [picture.format(k) for k in range(3)]
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    "names", [["mask_1", "mask_2"], ["depth_1", "depth_2", "cover"], ["segment_1", "unmasked", "c"]]
+)
+def test_photographs_of_masks_are_photographs(tmp_path, names):
+    for name in names:
+        write_image(tmp_path / f"{name}.png", BLACK)
+    (source,) = find_sources(tmp_path)
+    assert source.count == len(names)
+
+
+def test_folders_of_very_different_numbers_of_pictures_are_told(tmp_path):
+    for name, count in (("a", 4), ("b", 3), ("boards", 2)):
+        for k in range(count):
+            write_image(tmp_path / name / f"{k}.png", BLACK)
+    with pytest.warns(CaptureWarning, match="a has 4 pictures and boards 2: only the first 2 of"):
+        find_sources(tmp_path)
 
 
 def test_of_photographs_and_a_subfolder_the_larger_set_is_used(tmp_path):

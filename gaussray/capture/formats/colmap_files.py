@@ -2,7 +2,7 @@
 
 import struct
 from collections.abc import Callable, Iterator
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -72,9 +72,26 @@ DENSE_FOLDERS = ("dense/0", "dense")
 
 
 def project_folder(folder: Path) -> Path:
-    """The folder of a project with a model and its pictures: itself or one of `DENSE_FOLDERS`."""
+    """The folder of a project with a model and its pictures: itself or one of `DENSE_FOLDERS`.
+
+    Of several with a model it is the first in which a picture of its model lies: reconstructors
+    leave the original pictures elsewhere, and write the undistorted ones beside their own model.
+    """
     places = [folder, *(folder / name for name in DENSE_FOLDERS)]
-    return next((place for place in places if model_folder(place) is not None), folder)
+    models = [(place, model) for place in places if (model := model_folder(place)) is not None]
+    if len(models) < 2:
+        return models[0][0] if models else folder
+    return next((place for place, model in models if _has_pictures(place, model)), models[0][0])
+
+
+def _has_pictures(folder: Path, model: Path) -> bool:
+    """Whether a picture of a model, or a folder or video of its camera, lies in its folder."""
+    images = model / "images.bin"
+    listed = _binary_images(images) if images.is_file() else _text_images(model / "images.txt")
+    roots = [root for root in (folder / "images", folder, folder / "videos") if root.is_dir()]
+    held = {path.stem.casefold() for root in roots for path in root.iterdir()}
+    parts = (part for image in listed for part in PurePosixPath(image.name).parts)
+    return any(PurePosixPath(part).stem.casefold() in held for part in parts)
 
 
 def model_folder(folder: Path) -> Path | None:

@@ -14,7 +14,14 @@ from gaussray.prepare.lens_models import LensKeyValues
 CALIBRATION_KINDS = (
     "Qualisys .qca.txt or .xml, Pose2Sim, Anipose or Caliscope .toml, intri.yml beside extri.yml "
     "(EasyMocap) or Intrinsic.yml beside Extrinsic.yml (Pose2Sim), Kalibr .yaml, nerfstudio's "
-    "transforms.json, Panoptic's calibration.json, or Metashape .xml"
+    "transforms.json, Panoptic's calibration.json, Metashape .xml, or .json with K, R and t "
+    "(OpenCV's, world to camera) of each camera under its name"
+)
+# How to give a calibration of another kind.
+TOML_RECIPE = (
+    "Write its cameras to a .toml with a table for each, [cam_0], that has matrix, distortions, "
+    "size, rotation and translation (OpenCV's rotation vector and translation, world to camera; "
+    "five distortion coefficients k1 k2 p1 p2 k3)"
 )
 # OpenCV's distortion coefficients in their order.
 OPENCV_ORDER = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
@@ -137,8 +144,5 @@ def refuse_storage(where: Path, text: str) -> None:
     if "<opencv_storage" in text or "!!opencv-matrix" in text:
         raise PrepareError(
             f"{where}: must not be a file of OpenCV's FileStorage, in which each program chooses "
-            "other keys. Write its cameras to a .toml with a table for each, [cam_0], that has "
-            "matrix, distortions, size, rotation and translation (OpenCV's rotation vector and "
-            "translation, world to camera; five distortion coefficients k1 k2 p1 p2 k3), or as "
-            "EasyMocap's pair intri.yml and extri.yml."
+            f"other keys. {TOML_RECIPE}, or as EasyMocap's pair intri.yml and extri.yml."
         )

@@ -5,19 +5,26 @@ from collections.abc import Callable
 from pathlib import Path
 
 from gaussray.capture.formats.metashape import is_metashape
-from gaussray.capture.formats.transforms import json_content
+from gaussray.capture.formats.transforms import json_content, json_if_readable
 from gaussray.prepare.calibrations.kalibr import read_kalibr
 from gaussray.prepare.calibrations.known_camera import (
     CALIBRATION_KINDS,
+    TOML_RECIPE,
     Calibration,
     KnownCamera,
 )
 from gaussray.prepare.calibrations.nerfstudio import read_metashape_cameras, read_nerfstudio
+from gaussray.prepare.calibrations.opencv_json import (
+    is_opencv_camera,
+    opencv_cameras,
+    read_opencv_camera,
+)
 from gaussray.prepare.calibrations.opencv_yaml import easymocap_pair, read_easymocap
 from gaussray.prepare.calibrations.panoptic import is_panoptic, panoptic_cameras
 from gaussray.prepare.calibrations.pose2sim import read_toml
 from gaussray.prepare.calibrations.qualisys import read_qualisys
 from gaussray.prepare.errors import PrepareError
+from gaussray.runtime.progress import say
 
 
 # Bytes of one of OpenCV's XML files in which its matrices are sought, and a camera's matrix there.
@@ -43,6 +50,10 @@ def read_calibration(path: Path | str) -> Calibration:
         # Pose2Sim writes its pair beside the TOML file, which also knows sizes and fisheyes.
         if pair is not None and not any(p.suffix.lower() == ".toml" for p in inside):
             return Calibration(read_easymocap(*pair))
+        if len(files := [p for p in inside if _is_one_camera(p)]) > 1:
+            names = ", ".join(p.stem for p in files)
+            say(f"poses.calibration={path}: the cameras {names} are each read from their own file.")
+            return Calibration([read_opencv_camera(p, p.stem, json_content(p)) for p in files])
         # Caliscope keeps other files beside its own, and OpenCV's samples their chessboard.
         inside = [p for p in inside if not _is_storage(p)] or _likely_storage(path)
         inside = [p for p in inside if p.name == "camera_array.toml"] or inside
@@ -50,28 +61,37 @@ def read_calibration(path: Path | str) -> Calibration:
             names = ", ".join(p.name for p in inside[:9]) or "none"
             raise PrepareError(
                 f"poses.calibration={path}: the folder must hold one calibration, got {names}. "
-                f"Name the file: {CALIBRATION_KINDS}."
+                f"Name the file: {CALIBRATION_KINDS}. {TOML_RECIPE}."
             )
         path = inside[0]
     elif pair is not None:
         return Calibration(read_easymocap(*pair))
     reader = _reader(path)
     if reader is None:
-        raise PrepareError(f"poses.calibration={path}: must be {CALIBRATION_KINDS}.")
+        raise PrepareError(f"poses.calibration={path}: must be {CALIBRATION_KINDS}. {TOML_RECIPE}.")
     cameras = reader(path)
     return cameras if isinstance(cameras, Calibration) else Calibration(cameras)
 
 
-def _read_json(path: Path) -> list[KnownCamera]:
+def _read_json(path: Path) -> list[KnownCamera] | Calibration:
     content = json_content(path)
     if is_panoptic(content):
         return panoptic_cameras(path, content)
-    if not (isinstance(content, dict) and isinstance(content.get("frames"), list)):
+    if isinstance(content, dict) and isinstance(content.get("frames"), list):
+        return read_nerfstudio(path)
+    cameras = opencv_cameras(path, content)
+    if cameras is None:
         raise PrepareError(
             f"poses.calibration={path}: lists neither frames (nerfstudio) nor cameras (Panoptic), "
-            f"so it must be of another kind: {CALIBRATION_KINDS}."
+            f"so it must be of another kind: {CALIBRATION_KINDS}. {TOML_RECIPE}."
         )
-    return read_nerfstudio(path)
+    say(f"{path}: K, R and t are taken as OpenCV's, from world to camera.")
+    return cameras
+
+
+def _is_one_camera(path: Path) -> bool:
+    """Whether a JSON file holds one camera, and nothing of others."""
+    return path.suffix.lower() == ".json" and is_opencv_camera(json_if_readable(path))
 
 
 def _is_storage(path: Path) -> bool:

@@ -258,6 +258,8 @@ def test_another_size_is_scaled_and_another_shape_refused(tmp_path):
             "poses of all cameras. Give Qualisys",
         ),
         ("a.txt", "", "Qualisys .qca.txt"),
+        ("a.pkl", "", "Write its cameras to a .toml with a table for each, [cam_0]"),
+        ("a.json", '{"a": 1}', "Write its cameras to a .toml with a table for each, [cam_0]"),
         ("extri.yml", "a: 1", "intri.yml must be beside it"),
     ],
 )
