@@ -26,7 +26,7 @@ from gaussray.dataset.manifest import write_manifest
 
 # What is called over and over during a work, and at which call something happens.
 MOMENTS = {
-    "reconstruct": ("gaussray.reconstruct.log.Journal.record", 30),
+    "reconstruct": ("gaussray.reconstruct.log.RunLog.record", 30),
     "render": ("gaussray.render.dataset.write_picture", 6),
     "takes": ("gaussray.render.dataset.write_picture", 6),
     "evaluate": ("gaussray.evaluate.pipeline.write_image", 4),

@@ -1,6 +1,6 @@
 """The appearance of points and pixels that tracking compares: colour more than brightness."""
 
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 import jax
@@ -30,7 +30,7 @@ class Shown(NamedTuple):
 
 def layers(
     shown: Shown, shrink: int, blur: tuple[float, ...]
-) -> list[Float[Array, "frames h w 5"]]:
+) -> list[Float[Array, "frames rows columns 5"]]:
     """What pixels look like at every blur; NaN where they are hidden.
 
     Args:
@@ -39,36 +39,40 @@ def layers(
         blur: standard deviation of each layer's blur, in its own pixels.
     """
     height, width = (side // shrink for side in shown.picture.shape[1:3])
-    across = [(_blurring(height, sigma), _blurring(width, sigma)) for sigma in blur]
-    return _layers(*shown, shrink, across)
+    matrices = [(_blurring(height, sigma), _blurring(width, sigma)) for sigma in blur]
+    # One by one: a program for any number of frames, and memory for one on the device.
+    frames = [
+        _layers_of_frame(
+            picture, moved, None if shown.visible is None else shown.visible[i], shrink, matrices
+        )
+        for i, (picture, moved) in enumerate(zip(shown.picture, shown.moved, strict=True))
+    ]
+    return [jnp.stack(layer) for layer in zip(*frames, strict=True)]
 
 
 @partial(jax.jit, static_argnames="shrink")
-def _layers(
-    picture: Shaped[Array, "frames h w 3"],
-    moved: Bool[Array, "frames h w"],
-    visible: Bool[Array, "frames h w"] | None,
+def _layers_of_frame(
+    picture: Shaped[Array, "h w 3"],
+    moved: Bool[Array, "h w"],
+    visible: Bool[Array, "h w"] | None,
     shrink: int,
-    across: list[tuple[Float[Array, "h h"], Float[Array, "w w"]]],
-) -> list[Float[Array, "frames h w 5"]]:
-    """`layers`, by the matrices that blur columns and rows."""
+    matrices: list[tuple[Float[Array, "rows rows"], Float[Array, "columns columns"]]],
+) -> list[Float[Array, "rows columns 5"]]:
+    """`layers` of one picture, by the matrices that blur its columns and its rows."""
     scale = 255 if picture.dtype == jnp.uint8 else 1
-
-    # One by one: in single precision all together would take four times their memory.
-    def one(frame: tuple[Array, Array, Array | None]) -> list[Array]:
-        picture, moved, visible = frame
-        light = srgb_decode(_shrunk(picture, shrink) / scale)
-        changes = CHANGES * _shrunk(moved[..., None], shrink)
-        sharp = jnp.concatenate([look(light), changes], axis=-1)
-        hidden = False if visible is None else _shrunk(~visible[..., None], shrink) > 0
-        return [
-            jnp.where(hidden, jnp.nan, product("ij,jkc,lk->ilc", down, sharp, along))
-            for down, along in across
-        ]
-
-    return jax.lax.map(one, (picture, moved, visible))
+    light = srgb_decode(_shrunk(picture, shrink) / scale)
+    # Zeros of the matrices would not keep out a pixel that is not a number.
+    light = jnp.where(jnp.isfinite(light), light, 0)
+    changes = CHANGES * _shrunk(moved[..., None], shrink)
+    sharp = jnp.concatenate([look(light), changes], axis=-1)
+    hidden = False if visible is None else _shrunk(~visible[..., None], shrink) > 0
+    return [
+        jnp.where(hidden, jnp.nan, product("ij,jkc,lk->ilc", down, sharp, along))
+        for down, along in matrices
+    ]
 
 
+@lru_cache(maxsize=16)
 def _blurring(pixels: int, sigma: float) -> Float[np.ndarray, "pixels pixels"]:
     """The matrix that blurs a line of pixels."""
     return gaussian_filter(np.eye(pixels, dtype=np.float32), (sigma, 0))

@@ -244,7 +244,7 @@ class _Search(NamedTuple):
             )
             return cost_as_seen(visible, self.own, layer)
 
-        return jax.lax.map(cost, pose, batch_size=_together(None, 1024))
+        return jax.lax.map(cost, pose, batch_size=_together(None, 512))
 
     def thinned(self, each: int) -> "_Search":
         """The same with fewer points."""
@@ -254,7 +254,7 @@ class _Search(NamedTuple):
 
 def _together(on_cpu: int | None, on_gpu: int) -> int | None:
     """How many poses are compared at a time (None: one): a GPU would wait for many small kernels,
-    and numbers of many poses do not fit into the caches of a CPU."""
+    and the values of many poses do not fit into the caches of a CPU."""
     return on_cpu if jax.default_backend() == "cpu" else on_gpu
 
 
