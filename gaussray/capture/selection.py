@@ -99,10 +99,8 @@ def _with_pictures(capture: Capture, missing: str) -> Capture:
         f"{capture.folder}: {len(absent)} of {len(every)} frames have no picture, such as {first}"
     )
     if missing == "error" or len(absent) == len(every):
-        hint = absent_picture_hint(capture.folder, first.name)
-        raise CaptureError(
-            f"{text}.{hint} Copy the pictures of these frames there, or remove them."
-        )
+        remedy = "Copy the pictures of these frames there, or remove the frames."
+        raise CaptureError(f"{text}.{absent_picture_hint(capture.folder, first.name, remedy)}")
     warnings.warn(f"{text}; they are left out.", CaptureWarning, stacklevel=4)
 
     return capture.with_views(lambda views: [view for view in views if id(view) not in absent])
@@ -131,7 +129,8 @@ def _held_out(views: list[View], selection: Selection) -> list[View]:
         if not any(fnmatchcase(name, pattern) for name in names):
             listed = ", ".join(names[:20]) + (", ..." if len(names) > 20 else "")
             rule = f"a list of the capture's cameras ({listed})"
-            whole = f" A pattern must match the whole name, such as '*{pattern.strip('*')}*'."
+            whole = f" A pattern must match the whole name, such as '*{pattern}*'."
+            whole = "" if "*" in pattern else whole
             raise _error("test", rule, selection.test, whole)
     held = {n for n in names if any(fnmatchcase(n, pattern) for pattern in selection.test)}
     return [

@@ -1,11 +1,12 @@
 """Files and folders of an input that may be of cameras: without depth maps, masks, calibrations."""
 
+import itertools
 import warnings
 from collections.abc import Collection
 from pathlib import Path
 
 from gaussray.capture.errors import CaptureWarning
-from gaussray.capture.side_folders import holds_other_maps, word_of_other_map
+from gaussray.capture.side_folders import are_other_maps, holds_other_maps
 from gaussray.capture.videos import VIDEO_SUFFIXES
 from gaussray.io.natural_order import natural_order
 from gaussray.prepare.photographs import PHOTOGRAPH_SUFFIXES
@@ -64,20 +65,14 @@ def photographs_in(folder: Path) -> list[Path]:
     """The photographs in a folder, without the depth maps, masks and the like beside them, with a
     warning.
 
-    A name tells them by one word between separators: `frame-07.depth.png`. They are left out if
-    hardly more have that word than there are pictures without any.
+    Their names tell them: `frame-07.depth.png` beside `frame-07.color.jpg` (`are_other_maps`).
 
     Args:
         folder: an existing folder.
     """
     pictures = files_in(folder, PHOTOGRAPH_SUFFIXES)
-    words = [word_of_other_map(path) for path in pictures]
-    # A depth map may have no picture, but photographs called so are no maps of a single other one.
-    other = [
-        path
-        for path, word in zip(pictures, words, strict=True)
-        if word and words.count(word) < 2 * words.count("")
-    ]
+    left_out = are_other_maps(pictures)
+    other = list(itertools.compress(pictures, left_out))
     if not other:
         return pictures
     _warn(
@@ -85,7 +80,7 @@ def photographs_in(folder: Path) -> list[Path]:
         "names no pictures of a camera, and are left out. Rename what is; put masks into a folder "
         "masks, named as the pictures."
     )
-    return [path for path in pictures if path not in other]
+    return [path for path, out in zip(pictures, left_out, strict=True) if not out]
 
 
 def _listed(paths: list[Path]) -> str:

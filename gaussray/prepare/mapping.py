@@ -33,8 +33,8 @@ from gaussray.runtime.progress import Progress, say
 
 # Choices of poses.model that are tried without distortion if they fail.
 _STRAIGHTENED = ("radial", "opencv")
-# Fewest pictures of a reconstruction.
-_LEAST = 2
+# Fewest pictures of a reconstruction, and those with which each attempt begins.
+_LEAST, _FIRST = 2, 2
 # Of two pictures alone, no third one can confirm a point: angles in degrees between the rays of the
 # first pair's points (the median), and of any point, from which on they count. COLMAP's own, 16 and
 # 1.5, are for choosing between pairs; two cameras side by side see a room at 2 to 5.
@@ -143,7 +143,7 @@ class _Attempts:
 
     def begin(self) -> None:
         """An attempt has placed its first two pictures."""
-        self.number, self.placed = self.number + 1, _LEAST
+        self.number, self.placed = self.number + 1, _FIRST
         self._report()
 
     def advance(self) -> None:
@@ -153,6 +153,8 @@ class _Attempts:
 
     def end(self, placed: int) -> None:
         """The attempts are over, the best of which has placed so many pictures."""
+        # The last line is shown however soon it follows another, also if pictures have no pose.
+        self.progress.shown = -float("inf")
         self.progress.report(
             placed, f"have a pose in the best of {counted(self.number, 'attempt')}"
         )

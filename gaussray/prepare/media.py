@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from gaussray.capture.picture_file import read_levels
-from gaussray.capture.videos import decoded_frames, frame_of, frame_path, upright
+from gaussray.capture.video_file import decoded_frames, upright
+from gaussray.capture.videos import frame_of, frame_path
 from gaussray.dataset.images import write_image
 from gaussray.prepare.photographs import copied_photograph, copy_changed
 from gaussray.prepare.sources import Source, check_frames

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import median_filter
 
-from gaussray.capture.videos import decoded_frames
+from gaussray.capture.video_file import decoded_frames
 from gaussray.prepare.correlation import normalised_correlation
 from gaussray.prepare.sources import Source, check_frames
 

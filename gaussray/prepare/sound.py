@@ -6,7 +6,7 @@ import av
 import numpy as np
 from jaxtyping import Float
 
-from gaussray.capture.videos import open_video
+from gaussray.capture.video_file import open_video
 from gaussray.prepare.correlation import Delay, confidence
 
 

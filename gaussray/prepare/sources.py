@@ -9,13 +9,9 @@ import numpy as np
 from jaxtyping import Float
 
 from gaussray.capture.errors import CaptureWarning
-from gaussray.capture.videos import (
-    VIDEO_SUFFIXES,
-    open_video,
-    picture_ticks,
-    upright,
-    video_stream,
-)
+from gaussray.capture.video_file import open_video, upright, video_stream
+from gaussray.capture.video_times import picture_ticks
+from gaussray.capture.videos import VIDEO_SUFFIXES
 from gaussray.io.natural_order import natural_order
 from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.input_files import (
@@ -180,8 +176,9 @@ def _warn_of_counts(folder: Path, sources: list[Source]) -> None:
         many = max(counts, key=counts.__getitem__)
         _warn(
             f"videos={folder}: {many} has {counted(counts[many], 'picture')} and {few} "
-            f"{counts[few]}: only the first {counts[few]} of each folder are used, as of cameras. "
-            "Move folders that are no cameras out of the input."
+            f"{counts[few]}: as of cameras, at most {counts[few]} of each folder are used. Move "
+            "folders that are no cameras out of the input; put photographs of a scene that stands "
+            "still into one folder."
         )
 
 

@@ -12,9 +12,11 @@ from gaussray.capture.errors import CaptureWarning
 
 
 # Rows and columns to which a half is reduced, and how far its likeness to the other one is sought:
-# disparities of a sixth of the width, and rows that are off by a few hundredths of the height.
+# disparities of a sixth of the width, and rows that are off by a few hundredths of the height. What
+# repeats does so at any phase: a quarter of the height.
 _ROWS, _COLUMNS = 64, 96
 _UP, _ACROSS = 3, 16
+_FAR_UP = 16
 # Details are what is left without a blur of this width, in reduced pixels.
 _BLUR = 4.0
 # Correlation of the details of two views: 0.74 and more for those of a stereo endoscope and for
@@ -29,16 +31,19 @@ _ALONG = 0.4
 def warn_of_two_views(path: Path, picture: UInt8[np.ndarray, "h w 3"]) -> None:
     """Warn of a video whose picture seems to hold two views of one scene, and tell how to cut it.
 
-    The halves of such a picture are alike at a small shift. Wider than 2:1, or higher than wide,
-    they need be less alike than in the shape of an ordinary picture.
+    The halves of such a picture are alike at a small shift. From 2:1 on, or higher than wide,
+    they need be less alike than in the shape of an ordinary picture. Where the halves along the
+    other axis are alike as well, the scene repeats itself (tiles, bricks, a chessboard).
 
     Args:
         path: the video, for the message.
         picture: its first frame, upright.
     """
     height, width = picture.shape[:2]
-    for axis, likely in ((1, width > 2 * height), (0, height > width)):
-        if _are_alike(*_halves(picture, axis), axis, _ALIKE if likely else _VERY_ALIKE):
+    for axis, likely in ((1, width >= 2 * height), (0, height > width)):
+        if _are_alike(*_halves(picture, axis), axis, _ALIKE if likely else _VERY_ALIKE) and (
+            not _is_repeated(*_halves(picture, 1 - axis))
+        ):
             warnings.warn(_message(path, axis, likely), CaptureWarning, stacklevel=5)
 
 
@@ -93,6 +98,14 @@ def _are_alike(
     return True
 
 
+def _is_repeated(
+    first: Float[np.ndarray, "rows columns"], second: Float[np.ndarray, "rows columns"]
+) -> bool:
+    """Whether the details of two halves correlate at any shift."""
+    both = (0, 1)
+    return _correlation(_details(first, both), _details(second, both), _FAR_UP) >= _ALIKE
+
+
 def _details(
     half: Float[np.ndarray, "rows columns"], axes: tuple[int, ...]
 ) -> Float[np.ndarray, "rows columns"]:
@@ -103,12 +116,14 @@ def _details(
 
 
 def _correlation(
-    first: Float[np.ndarray, "rows columns"], second: Float[np.ndarray, "rows columns"]
+    first: Float[np.ndarray, "rows columns"],
+    second: Float[np.ndarray, "rows columns"],
+    most_up: int = _UP,
 ) -> float:
     """The largest normalised correlation of two halves over all shifts; 0 if one is plain."""
     rows, columns = first.shape
     best = 0.0
-    for up in range(-_UP, _UP + 1):
+    for up in range(-most_up, most_up + 1):
         for across in range(-_ACROSS, _ACROSS + 1):
             a = first[max(up, 0) : rows + min(up, 0), max(across, 0) : columns + min(across, 0)]
             b = second[max(-up, 0) : rows - max(up, 0), max(-across, 0) : columns - max(across, 0)]

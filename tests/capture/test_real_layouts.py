@@ -81,7 +81,13 @@ def test_frames_without_a_picture_are_left_out_with_one_warning(static):
 def test_a_capture_without_any_picture_is_refused(static):
     for path in (static / "images").iterdir():
         path.unlink()
-    with pytest.raises(CaptureError, match="5 of 5 frames have no picture"):
+    remedy = "0000.png. Copy the pictures of these frames there, or remove the frames.$"
+    with pytest.raises(CaptureError, match=f"5 of 5 frames have no picture.*{remedy}"):
+        open_capture(static)
+    # Pictures of another model must not be copied.
+    picture(static / "dense/images/0000.png")
+    (static / "dense/sparse").mkdir()
+    with pytest.raises(CaptureError, match="5 of 5 frames .* name .*/dense, and do not copy it.$"):
         open_capture(static)
 
 

@@ -310,6 +310,14 @@ def test_a_selection_that_cannot_be_is_named_with_its_key(capture, options, says
         of(capture, **options)
 
 
+def test_a_pattern_of_whole_names_is_advised_for_a_name_alone(capture):
+    with pytest.raises(CaptureError, match=r"such as '\*cam\*'"):
+        of(capture, test=("cam",))
+    with pytest.raises(CaptureError) as caught:
+        of(capture, test=("*d*",))
+    assert "must match the whole name" not in str(caught.value)
+
+
 def test_a_selection_is_handed_on_by_the_door_and_has_no_leaves(tmp_path):
     chosen = Selection(scale=0.5, test=("a",))
     assert not jax.tree.leaves(chosen) and hash(chosen) == hash(dataclasses.replace(chosen))

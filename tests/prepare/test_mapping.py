@@ -129,6 +129,16 @@ def test_progress_of_poses_has_no_time_left_before_the_end():
     assert lines[-1].startswith("poses 5/6  have a pose in attempt 1")
 
 
+def test_the_last_line_is_shown_however_soon_it_follows():
+    lines = []
+    attempts = mapping._Attempts(PICTURES)
+    attempts.progress = mapping.Progress("poses", PICTURES, write=lines.append)
+    attempts.begin()
+    attempts.advance()
+    attempts.end(3)
+    assert len(lines) == 2 and lines[-1].startswith("poses 3/6  have a pose in the best of 1 att")
+
+
 def test_cameras_without_distortion_keep_the_rest(database):
     mapping._forget_distortion(database)
     with colmap.Database.open(database) as db:

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from gaussray.capture.errors import CaptureError
-from gaussray.capture.videos import decode_frames, picture_ticks, read_video
+from gaussray.capture.video_times import picture_ticks
+from gaussray.capture.videos import decode_frames, read_video
 from gaussray.prepare.motion import motion_energy, motion_signal
 from gaussray.prepare.sources import find_sources
 

@@ -2,12 +2,14 @@
 
 import dataclasses
 from pathlib import Path
+from time import process_time
 
 import numpy as np
 import pytest
 from quads import write_video
 
 from gaussray.capture.errors import CaptureWarning
+from gaussray.capture.side_folders import are_other_maps
 from gaussray.dataset.images import write_image
 from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.masks import mask_of
@@ -78,7 +80,11 @@ def test_an_empty_video_is_called_empty(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "name", ["depths", "Masks", "depth_maps", "seg", "Calibration", "chessboard_1", "intrinsics"]
+    "name",
+    [
+        *("depths", "Masks", "depth_maps", "seg", "instances", "disp"),
+        *("Calibration", "chessboard_1", "intrinsics", "calib2", "calibration_images"),
+    ],
 )
 def test_depth_maps_and_masks_are_no_cameras(tmp_path, name):
     for folder in ("rgb", name):
@@ -89,7 +95,15 @@ def test_depth_maps_and_masks_are_no_cameras(tmp_path, name):
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("names", [("masks",), ("front", "segment_a")])
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("masks",),
+        ("front", "segment_a"),
+        ("calib_cam1", "calib_cam2"),
+        ("extrinsic_test_cam1", "instance_a"),
+    ],
+)
 def test_a_folder_that_is_alone_or_only_begins_like_one_of_masks_is_a_camera(tmp_path, names):
     for folder in names:
         write_image(tmp_path / folder / "0.png", BLACK)
@@ -121,6 +135,8 @@ def test_depth_maps_and_masks_within_the_photographs_folder_do_not_replace_them(
         ("frame-{:06d}.color", ["frame-{:06d}.depth"]),
         ("{:04d}", ["{:04d}_mask", "{:04d}_normals", "{:04d} Confidence"]),
         ("rgb{}", ["depth{}"]),
+        ("IMG_{}", ["IMG_{}_normal"]),
+        ("image_{}", ["depth-{}", "mask_{}"]),
     ],
 )
 def test_depth_maps_and_masks_beside_photographs_are_left_out(tmp_path, picture, others):
@@ -135,7 +151,14 @@ def test_depth_maps_and_masks_beside_photographs_are_left_out(tmp_path, picture,
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize(
-    "names", [["mask_1", "mask_2"], ["depth_1", "depth_2", "cover"], ["segment_1", "unmasked", "c"]]
+    "names",
+    [
+        ["mask_1", "mask_2"],
+        ["depth_1", "depth_2", "cover"],
+        ["segment_1", "unmasked", "c"],
+        ["IMG_0_under", "IMG_0_normal", "IMG_0_over", "IMG_1_under", "IMG_1_normal", "IMG_1_over"],
+        ["label_01", "gas_mask_001", "instance-1", "disp_3", "depth_of_field_1", "a", "b", "c"],
+    ],
 )
 def test_photographs_of_masks_are_photographs(tmp_path, names):
     for name in names:
@@ -144,11 +167,18 @@ def test_photographs_of_masks_are_photographs(tmp_path, names):
     assert source.count == len(names)
 
 
+def test_depth_maps_of_many_photographs_are_told_in_a_moment(tmp_path):
+    names = [f"{k:05d}{word}.png" for k in range(6000) for word in ("", "_depth")]
+    start = process_time()
+    assert are_other_maps([tmp_path / name for name in names]) == [False, True] * 6000
+    assert process_time() - start < 3
+
+
 def test_folders_of_very_different_numbers_of_pictures_are_told(tmp_path):
     for name, count in (("a", 4), ("b", 3), ("boards", 2)):
         for k in range(count):
             write_image(tmp_path / name / f"{k}.png", BLACK)
-    with pytest.warns(CaptureWarning, match="a has 4 pictures and boards 2: only the first 2 of"):
+    with pytest.warns(CaptureWarning, match="a has 4 pictures and boards 2: .* at most 2 of each"):
         find_sources(tmp_path)
 
 

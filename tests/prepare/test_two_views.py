@@ -55,3 +55,26 @@ def test_one_view_is_not_taken_for_two(tmp_path, painted, views):
     for one in (wide, mirrored, plain, pole + noise, horizon, np.zeros((20, 60, 3), np.uint8)):
         warn_of_two_views(tmp_path / "a.mp4", np.ascontiguousarray(one))
     warn_of_two_views(tmp_path / "a.mp4", views[0])
+
+
+def test_two_square_views_are_cut_and_not_stretched(tmp_path, views):
+    square = np.concatenate([view[:, 30:210] for view in views], axis=1)
+    with pytest.warns(CaptureWarning, match="two views side by side") as told:
+        warn_of_two_views(tmp_path / "a.mp4", square)
+    assert "scale=" not in str(told[0].message)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("size", [(180, 480), (240, 480), (480, 240), (480, 640)])
+@pytest.mark.parametrize("period", [12, 20, 33])
+def test_tiles_and_bricks_are_not_two_views(tmp_path, size, period):
+    rows, columns = np.indices(size)
+    noise = np.random.default_rng(0).normal(0, 4, size)
+    tiles = np.where((rows % period < period // 8) | (columns % period < period // 8), 60, 190)
+    course = rows // (period // 2)
+    shifted = columns + course % 2 * (period // 2)
+    bricks = np.where((rows % (period // 2) < 1) | (shifted % period < period // 10), 190, 110)
+    board = (rows // period + columns // period) % 2 * 150 + 50
+    for levels in (tiles, bricks, board):
+        grey = (levels + noise).clip(0, 255).astype(np.uint8)
+        warn_of_two_views(tmp_path / "a.mp4", np.repeat(grey[..., None], 3, axis=2))

@@ -48,10 +48,10 @@ def no_picture(frame: Keys) -> FileNotFoundError:
         frame: the first of them.
     """
     name, folder = frame.text("file_path"), frame.file.parent
+    remedy = "Copy the pictures there, or correct the paths."
     return FileNotFoundError(
         f"{frame.where}: file_path must name a picture, got {name!r}: neither it nor another "
-        f"frame's picture is in {folder}.{absent_picture_hint(folder, name)} Copy the pictures "
-        "there, or correct the paths."
+        f"frame's picture is in {folder}.{absent_picture_hint(folder, name, remedy)}"
     )
 
 

@@ -169,13 +169,14 @@ def _with_spellings(frame: Keys, spelt: dict[str, str]) -> Keys:
     return dataclasses.replace(frame, values={**frame.values, **lists, **path})
 
 
-def absent_picture_hint(folder: Path, name: str) -> str:
+def absent_picture_hint(folder: Path, name: str, remedy: str = "") -> str:
     """A sentence that tells where a picture of the name of an absent one lies, and whether it is
-    one of another model, which must not be copied; empty if nowhere.
+    one of another model, which must not be copied; none if it lies nowhere.
 
     Args:
         folder: where to look, also in its folders and in theirs.
         name: the path that names no picture.
+        remedy: a sentence about copying the pictures, which follows unless they must not be copied.
     """
     path = file_of_same_name(folder, name)
     home = path and _home_of_model(folder, path.relative_to(folder).parts[:-1])
@@ -184,7 +185,8 @@ def absent_picture_hint(folder: Path, name: str) -> str:
             f" A file of this name is {path}, which belongs to a model of its own: name {home}, "
             "and do not copy it."
         )
-    return f" A file of this name is {path}." if path else ""
+    hint = f" A file of this name is {path}." if path else ""
+    return f"{hint} {remedy}" if remedy else hint
 
 
 def _home_of_model(folder: Path, place: tuple[str, ...]) -> Path | None:

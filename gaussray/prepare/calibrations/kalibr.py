@@ -98,5 +98,5 @@ def _camera(path: Path, name: str, block: dict[str, Any], pose: np.ndarray) -> K
     size = _numbers(path, name, block, "resolution", 2)
     fisheye = _DISTORTIONS[distortion]
     return opencv_camera(
-        path, name, matrix, coefficients, pose, (int(size[0]), int(size[1])), fisheye=fisheye
+        path, name, matrix, coefficients, pose, (float(size[0]), float(size[1])), fisheye=fisheye
     )

@@ -1,6 +1,8 @@
 """What every reader of calibrations returns: cameras with their lens and pose."""
 
 import dataclasses
+import re
+from collections.abc import Collection
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +28,10 @@ TOML_RECIPE = (
 # OpenCV's distortion coefficients in their order.
 OPENCV_ORDER = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 _ORTHONORMAL = 1e-3
+# The last row of a camera matrix may differ from (0, 0, 1) by this, where text has few digits.
+_LAST_ROW = 1e-3
+# Most columns and rows of a picture.
+_MOST = 10**6
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -63,7 +69,7 @@ def opencv_camera(
     matrix: Float[np.ndarray, "3 3"],
     distortion: Float[np.ndarray, " n"],
     pose: Float[np.ndarray, "3 4"],
-    size: tuple[int, int] = (0, 0),
+    size: tuple[float, float] = (0, 0),
     *,
     fisheye: bool = False,
 ) -> KnownCamera:
@@ -79,8 +85,9 @@ def opencv_camera(
         fisheye: OpenCV's fisheye model with k1 to k4, instead of k1, k2, p1, p2, k3 to k6.
 
     Raises:
-        PrepareError: A number is not finite, a focal length is not positive, `pose` has no
-            rotation, or a coefficient that the lens model does not have is not 0.
+        PrepareError: A number is not finite, a focal length is not positive, the last row of
+            `matrix` is not (0, 0, 1), `pose` has no rotation, a coefficient that the lens model
+            does not have is not 0, or `size` is neither 0 nor whole numbers from 1 to 10^6.
     """
     values = np.concatenate([matrix.ravel(), distortion.ravel(), pose.ravel()])
     turn = pose[:, :3]
@@ -89,6 +96,16 @@ def opencv_camera(
         raise PrepareError(
             f"{where}: camera {name} must have positive focal lengths and a rotation, got matrix "
             f"{matrix.tolist()} and rotation {turn.tolist()}. Calibrate it again."
+        )
+    if np.abs(matrix[2] - (0, 0, 1)).max() > _LAST_ROW:
+        raise PrepareError(
+            f"{where}: the matrix of camera {name} must end with the row 0 0 1, got "
+            f"{matrix.tolist()}. Is it transposed? Write it row by row: fx 0 cx, 0 fy cy, 0 0 1."
+        )
+    if any(size) and not all(1 <= side <= _MOST and side == int(side) for side in size):
+        raise PrepareError(
+            f"{where}: the size of camera {name} must be two whole numbers from 1 to {_MOST} "
+            f"(columns and rows), got {size[0]:g} x {size[1]:g}. Correct or remove it."
         )
     order = ("k1", "k2", "k3", "k4") if fisheye else OPENCV_ORDER
     if len(distortion) > len(order):
@@ -111,6 +128,26 @@ def opencv_camera(
         lens = {key: value for key, value in lens.items() if key not in OPENCV_ORDER[4:]}
         lens["camera_model"] = "OPENCV"
     return KnownCamera(name, lens, pose)
+
+
+def refuse_distortion(where: object, name: object, keys: Collection[object]) -> None:
+    """Refuse keys of a camera that may be of its distortion, but are not read.
+
+    Args:
+        where: the file that the message names.
+        name: the camera.
+        keys: the keys that are not read.
+
+    Raises:
+        PrepareError: A key has `dist` in it, and not of a distance.
+    """
+    words = (str(key) for key in keys)
+    unread = next((key for key in words if re.search("dist(?!anc)", key.lower())), None)
+    if unread is not None:
+        raise PrepareError(
+            f"{where}: {unread[:80]} of camera {name} is not read, and may be of its distortion. "
+            "Call OpenCV's coefficients (k1 k2 p1 p2 k3) dist, and remove what is none of them."
+        )
 
 
 def check_name(where: Path, name: object) -> str:

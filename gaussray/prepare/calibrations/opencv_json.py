@@ -11,6 +11,7 @@ from gaussray.prepare.calibrations.known_camera import (
     KnownCamera,
     check_name,
     opencv_camera,
+    refuse_distortion,
 )
 from gaussray.prepare.errors import PrepareError
 
@@ -19,11 +20,18 @@ from gaussray.prepare.errors import PrepareError
 _MATRIX = ("k", "matrix", "camera_matrix", "intrinsics", "intrinsic", "mtx")
 _ROTATION = ("r", "rotation", "rotation_matrix", "rvec")
 _TRANSLATION = ("t", "translation", "tvec")
-_DISTORTION = ("dist", "distortion", "distortions", "d", "dist_coeffs", "distcoef")
+_DISTORTION = (
+    *("d", "dist", "distortion", "distortions", "distortion_coefficients"),
+    *("dist_coef", "dist_coefs", "dist_coeffs", "distcoef", "distcoefs", "distcoeffs"),
+)
 _SIZE = ("size", "resolution")
+_SIDES = (("width", "w"), ("height", "h"))
 _NEEDED = {_MATRIX: (9,), _ROTATION: (3, 9), _TRANSLATION: (3,)}
 # Keys of a list's cameras that hold their names.
 _NAMES = ("name", "camera", "cam", "id", "camera_id", "serial")
+# What is said of a camera without a pose, after its name.
+_NO_POSE = "has no R (3 or 9 numbers) and t (3 numbers)"
+_POSE_REMEDY = "Both take world to camera; R is a matrix or a rotation vector."
 
 
 def is_opencv_camera(content: Any) -> bool:
@@ -45,7 +53,8 @@ def opencv_cameras(path: Path, content: Any) -> Calibration | None:
         content: what it holds, at the top or under `cameras`.
 
     Raises:
-        PrepareError: Numbers make no camera, two cameras have one name, or the file has one alone.
+        PrepareError: Numbers make no camera, no camera has a pose, two have one name or one of a
+            list has none, or the file has one camera alone.
     """
     if is_opencv_camera(content):
         raise PrepareError(
@@ -54,28 +63,40 @@ def opencv_cameras(path: Path, content: Any) -> Calibration | None:
         )
     if isinstance(content, dict) and isinstance(content.get("cameras"), dict | list):
         content = content["cameras"]
-    if isinstance(content, dict):
-        listed = list(content.items())
-    elif isinstance(content, list):
-        listed = [(_name(one), one) for one in content]
-    else:
-        return None
-    found = [(name, one) for name, one in listed if name is not None and is_opencv_camera(one)]
-    names = [str(name) for name, _ in found]
-    if len(set(names)) < len(names):
-        twice = next(name for name in names if names.count(name) > 1)
+    if _has_matrix(content):
+        raise PrepareError(f"{path}: the camera {_NO_POSE}. {_POSE_REMEDY}")
+    listed = _listed(path, content)
+    found = {name: one for name, one in listed.items() if is_opencv_camera(one)}
+    left_out = {name: _NO_POSE for name in listed if name not in found}
+    if left_out and not found:
         raise PrepareError(
-            f"{path}: each camera must have a name of its own, got {twice} twice. Change one."
+            f"{path}: must have a camera with a pose, got none: camera {next(iter(left_out))} "
+            f"{_NO_POSE}. {_POSE_REMEDY}"
         )
-    left_out = {
-        str(name): "has no R and t"
-        for name, one in listed
-        if isinstance(one, dict)
-        and _numbers(one, _MATRIX, 9) is not None
-        and str(name) not in names
-    }
-    cameras = [read_opencv_camera(path, name, one) for name, one in found]
+    cameras = [read_opencv_camera(path, name, one) for name, one in found.items()]
     return Calibration(cameras, left_out) if cameras else None
+
+
+def _listed(path: Path, content: Any) -> dict[str, dict[str, Any]]:
+    """The parts of a file that have a camera's matrix, by the camera's name."""
+    if isinstance(content, dict):
+        return {str(name): one for name, one in content.items() if _has_matrix(one)}
+    result: dict[str, dict[str, Any]] = {}
+    for number, one in enumerate(content if isinstance(content, list) else [], 1):
+        if not _has_matrix(one):
+            continue
+        name = _name(one)
+        if name is None:
+            raise PrepareError(
+                f"{path}: camera {number} of the list must have a name ({', '.join(_NAMES)}), got "
+                "none. Give each the name of its video."
+            )
+        if name in result:
+            raise PrepareError(
+                f"{path}: each camera must have a name of its own, got {name} twice. Change one."
+            )
+        result[name] = one
+    return result
 
 
 def read_opencv_camera(path: Path, name: object, content: dict[str, Any]) -> KnownCamera:
@@ -102,18 +123,34 @@ def read_opencv_camera(path: Path, name: object, content: dict[str, Any]) -> Kno
             f"{path}: {given[0]} of camera {name} must be numbers (OpenCV's k1 k2 p1 p2 k3), got "
             f"{str(content[given[0]])[:80]}."
         )
-    size = _numbers(content, _SIZE, 2)
-    if size is None:
-        sides = (_numbers(content, names, 1) for names in (("width", "w"), ("height", "h")))
-        size = [0 if side is None else side[0] for side in sides]
+    unread = [key for key in content if str(key).lower() not in _DISTORTION]
+    refuse_distortion(path, name, unread)
     return opencv_camera(
         path,
         check_name(path, name),
         matrix.reshape(3, 3),
         np.zeros(4) if distortion is None else distortion,
         np.column_stack([turn.reshape(3, 3), translation]),
-        (int(size[0]), int(size[1])),
+        _size(path, name, content),
     )
+
+
+def _size(path: Path, name: object, content: dict[str, Any]) -> tuple[float, float]:
+    """Columns and rows; 0 if the camera does not say them."""
+    keys = (*_SIZE, *_SIDES[0], *_SIDES[1])
+    given = {key: content[key] for key in content if str(key).lower() in keys}
+    if all(value is None for value in given.values()):
+        return 0.0, 0.0
+    size = _numbers(content, _SIZE, 2)
+    if size is None:
+        sides = [_numbers(content, names, 1) for names in _SIDES]
+        size = [0.0 if side is None else float(side[0]) for side in sides]
+    if not any(size):
+        raise PrepareError(
+            f"{path}: the size of camera {name} must be two whole numbers (columns and rows), got "
+            f"{str(given)[:80]}. Correct or remove it."
+        )
+    return float(size[0]), float(size[1])
 
 
 def _numbers(content: dict[str, Any], names: tuple[str, ...], *counts: int) -> np.ndarray | None:
@@ -130,7 +167,11 @@ def _numbers(content: dict[str, Any], names: tuple[str, ...], *counts: int) -> n
     return None
 
 
-def _name(camera: Any) -> Any:
-    given = camera if isinstance(camera, dict) else {}
-    found = (given[key] for key in _NAMES if isinstance(given.get(key), str | int))
-    return next(found, None)
+def _has_matrix(content: Any) -> bool:
+    return isinstance(content, dict) and _numbers(content, _MATRIX, 9) is not None
+
+
+def _name(camera: dict[str, Any]) -> str | None:
+    """The name of a camera of a list; None if it has none. A truth value is none."""
+    found = (camera[key] for key in _NAMES if type(camera.get(key)) in (str, int))
+    return next(map(str, found), None)

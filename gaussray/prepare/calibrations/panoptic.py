@@ -6,7 +6,12 @@ from typing import Any
 import numpy as np
 
 from gaussray.capture.formats.json_keys import Keys
-from gaussray.prepare.calibrations.known_camera import KnownCamera, check_name, opencv_camera
+from gaussray.prepare.calibrations.known_camera import (
+    KnownCamera,
+    check_name,
+    opencv_camera,
+    refuse_distortion,
+)
 from gaussray.prepare.errors import PrepareError
 
 
@@ -15,9 +20,15 @@ _KINDS = ("vga", "hd", "kinect")
 
 
 def is_panoptic(content: Any) -> bool:
-    """Whether the content of a JSON file is a list of cameras with a matrix K each."""
+    """Whether the content of a JSON file is a list of cameras, one of which has a matrix K and
+    `distCoef`, or `resolution` and no distortion of another name."""
     cameras = content.get("cameras") if isinstance(content, dict) else None
-    return isinstance(cameras, list) and any(isinstance(c, dict) and "K" in c for c in cameras)
+    return isinstance(cameras, list) and any(
+        isinstance(camera, dict)
+        and "K" in camera
+        and ("distCoef" in camera or ("resolution" in camera and "dist" not in str([*camera])))
+        for camera in cameras
+    )
 
 
 def panoptic_cameras(path: Path, content: dict[str, Any]) -> list[KnownCamera]:
@@ -31,7 +42,8 @@ def panoptic_cameras(path: Path, content: dict[str, Any]) -> list[KnownCamera]:
         content: what it holds (`is_panoptic`).
 
     Raises:
-        PrepareError: A camera lacks a number, or two have one name.
+        PrepareError: A camera lacks a number, or has distortion of another name, or two have one
+            name.
     """
     cameras = [_camera(path, k, camera) for k, camera in enumerate(content["cameras"])]
     names = [camera.name for camera in cameras]
@@ -64,11 +76,12 @@ def _camera(path: Path, index: int, camera: object) -> KnownCamera:
     name = check_name(path, Keys(path, camera, prefix=f"cameras[{index}].").text("name"))
     kind = camera.get("type")
     width, height = array("resolution", 2)
+    refuse_distortion(path, name, [key for key in camera if key != "distCoef"])
     return opencv_camera(
         path,
         f"{kind}_{name}" if kind in _KINDS and not name.startswith(kind) else name,
         array("K", 9).reshape(3, 3),
         array("distCoef") if camera.get("distCoef") is not None else np.zeros(4),
         np.column_stack([array("R", 9).reshape(3, 3), array("t", 3)]),
-        (int(width), int(height)),
+        (float(width), float(height)),
     )

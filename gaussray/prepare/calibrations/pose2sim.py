@@ -114,6 +114,6 @@ def _camera(path: Path, name: str, table: dict[str, Any]) -> KnownCamera:
         array("matrix", 9).reshape(3, 3),
         np.zeros(4) if _is_absent(table.get("distortions")) else array("distortions"),
         np.column_stack([turn.reshape(3, 3), array("translation", 3)]),
-        (int(size[0]), int(size[1])),
+        (float(size[0]), float(size[1])),
         fisheye=table.get("fisheye") is True,
     )

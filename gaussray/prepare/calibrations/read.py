@@ -50,10 +50,8 @@ def read_calibration(path: Path | str) -> Calibration:
         # Pose2Sim writes its pair beside the TOML file, which also knows sizes and fisheyes.
         if pair is not None and not any(p.suffix.lower() == ".toml" for p in inside):
             return Calibration(read_easymocap(*pair))
-        if len(files := [p for p in inside if _is_one_camera(p)]) > 1:
-            names = ", ".join(p.stem for p in files)
-            say(f"poses.calibration={path}: the cameras {names} are each read from their own file.")
-            return Calibration([read_opencv_camera(p, p.stem, json_content(p)) for p in files])
+        if files := [p for p in inside if _is_one_camera(p)]:
+            return _of_single_cameras(path, files, [p for p in inside if p not in files])
         # Caliscope keeps other files beside its own, and OpenCV's samples their chessboard.
         inside = [p for p in inside if not _is_storage(p)] or _likely_storage(path)
         inside = [p for p in inside if p.name == "camera_array.toml"] or inside
@@ -71,6 +69,45 @@ def read_calibration(path: Path | str) -> Calibration:
         raise PrepareError(f"poses.calibration={path}: must be {CALIBRATION_KINDS}. {TOML_RECIPE}.")
     cameras = reader(path)
     return cameras if isinstance(cameras, Calibration) else Calibration(cameras)
+
+
+def _of_single_cameras(folder: Path, files: list[Path], others: list[Path]) -> Calibration:
+    """The cameras of a folder with files of one camera each. One file of all cameras beside them
+    is read instead.
+
+    Args:
+        folder: the folder, for messages.
+        files: the files of one camera each.
+        others: files beside them that may hold all cameras, or something else.
+    """
+    found = {p.name: one for p in others if (one := _calibration_if_readable(p)) is not None}
+    where = f"poses.calibration={folder}"
+    if len(found) > 1 or (len(files) == 1 and not found):
+        rule = "one calibration of all cameras, or a file for each camera, called as its video"
+        names = ", ".join([*found, *(p.name for p in files)][:9])
+        raise PrepareError(f"{where}: the folder must hold {rule}, got {names}. Name the file.")
+    unread = ", ".join(p.name for p in others[:9])
+    if found:
+        ((name, calibration),) = found.items()
+        say(f"{where}: {name} is read, and not the files of single cameras beside it.")
+        return calibration
+    names = ", ".join(p.stem for p in files)
+    say(
+        f"{where}: the cameras {names} are each read from their own file"
+        + (f", and {unread} {'is' if len(others) == 1 else 'are'} not." if unread else ".")
+    )
+    return Calibration([read_opencv_camera(p, p.stem, json_content(p)) for p in files])
+
+
+def _calibration_if_readable(path: Path) -> Calibration | None:
+    """The cameras of a file that may be no calibration; None if it is none."""
+    reader = _reader(path)
+    try:
+        cameras = reader(path) if reader is not None else []
+    except (PrepareError, OSError, ValueError):
+        return None
+    cameras = cameras if isinstance(cameras, Calibration) else Calibration(cameras)
+    return cameras if cameras.cameras else None
 
 
 def _read_json(path: Path) -> list[KnownCamera] | Calibration:
