@@ -14,7 +14,8 @@ from gaussray.capture.distant_origin import read_near_origin
 from gaussray.capture.errors import CaptureError, CaptureWarning
 from gaussray.capture.formats.actorshq import CALIBRATION_FILE, is_actorshq, read_actorshq
 from gaussray.capture.formats.colmap import read_colmap
-from gaussray.capture.formats.colmap_files import PLACES, model_folder, project_folder
+from gaussray.capture.formats.colmap_files import PLACES, model_folder
+from gaussray.capture.formats.colmap_project import project_folder
 from gaussray.capture.formats.dnerf import SPLIT_FILES, VALIDATION_FILE, read_splits
 from gaussray.capture.formats.dynamic3dgs import META_FILES, read_dynamic3dgs
 from gaussray.capture.formats.immersive import MODELS_FILE, is_immersive, read_immersive

@@ -153,11 +153,8 @@ class _Attempts:
 
     def end(self, placed: int) -> None:
         """The attempts are over, the best of which has placed so many pictures."""
-        # The last line is shown however soon it follows another, also if pictures have no pose.
-        self.progress.shown = -float("inf")
-        self.progress.report(
-            placed, f"have a pose in the best of {counted(self.number, 'attempt')}"
-        )
+        best = f"in the best of {counted(self.number, 'attempt')}"
+        say(f"{placed} of {self.total} pictures have a pose {best}.")
 
     def _report(self) -> None:
         # The last picture is not the end: all are adjusted, and some placed again or once more.

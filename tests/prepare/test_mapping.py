@@ -105,14 +105,16 @@ def test_progress_counts_the_pictures_of_each_attempt(tmp_path, database, monkey
                 next_image_callback()
         return {0: registered(PICTURES)}
 
+    said = []
     monkeypatch.setattr(mapping, "Progress", Recorder)
+    monkeypatch.setattr(mapping, "say", said.append)
     monkeypatch.setattr(colmap, "incremental_mapping", incremental)
     mapping._reconstruction(database, tmp_path, PosesOptions())
     first, second = "have a pose in attempt 1", "have a pose in attempt 2"
     assert reports[:5] == [(2, first), (3, first), *((k, second) for k in (2, 3, 4))]
-    # All pictures are placed at the end alone.
-    assert [done for done, _ in reports[5:]] == [5, PICTURES]
-    assert reports[-1][1] == "have a pose in the best of 2 attempts"
+    # All pictures are no end: the mapper goes on.
+    assert reports[5:] == [(5, second)]
+    assert said == [f"{PICTURES} of {PICTURES} pictures have a pose in the best of 2 attempts."]
 
 
 def test_progress_of_poses_has_no_time_left_before_the_end():
@@ -127,16 +129,6 @@ def test_progress_of_poses_has_no_time_left_before_the_end():
         attempts.advance()
     assert len(lines) == 4 and not any("left" in line for line in lines)
     assert lines[-1].startswith("poses 5/6  have a pose in attempt 1")
-
-
-def test_the_last_line_is_shown_however_soon_it_follows():
-    lines = []
-    attempts = mapping._Attempts(PICTURES)
-    attempts.progress = mapping.Progress("poses", PICTURES, write=lines.append)
-    attempts.begin()
-    attempts.advance()
-    attempts.end(3)
-    assert len(lines) == 2 and lines[-1].startswith("poses 3/6  have a pose in the best of 1 att")
 
 
 def test_cameras_without_distortion_keep_the_rest(database):

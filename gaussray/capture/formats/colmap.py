@@ -17,9 +17,9 @@ from gaussray.capture.formats.colmap_files import (
     Registered,
     larger_models,
     model_folder,
-    project_folder,
     read_colmap_model,
 )
+from gaussray.capture.formats.colmap_project import project_folder
 from gaussray.capture.formats.json_keys import Keys
 from gaussray.capture.formats.lenses import unusual_pixels
 from gaussray.capture.formats.picture_places import other_spellings

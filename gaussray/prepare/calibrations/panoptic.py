@@ -26,9 +26,13 @@ def is_panoptic(content: Any) -> bool:
     return isinstance(cameras, list) and any(
         isinstance(camera, dict)
         and "K" in camera
-        and ("distCoef" in camera or ("resolution" in camera and "dist" not in str([*camera])))
+        and ("distCoef" in camera or ("resolution" in camera and not _has_distortion(camera)))
         for camera in cameras
     )
+
+
+def _has_distortion(camera: dict[str, Any]) -> bool:
+    return any("dist" in key for key in camera)
 
 
 def panoptic_cameras(path: Path, content: dict[str, Any]) -> list[KnownCamera]:
