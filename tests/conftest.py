@@ -242,9 +242,12 @@ def known_sizes():
         briefly = 64 if transients is not None else 0
         return Capacity((512,) * grid_levels(trace, dtype), 512, 64, briefly)
 
-    def of_picture(renderer, batch, part, trace):
-        view = batch.views[0]
-        return room(trace, renderer.scenes[view.segment].transient, view.camera.time.dtype)
+    def of_stages(structure, layout, settings, arguments, dtype):
+        scene = jax.tree.unflatten(structure, arguments[0])
+        return room(settings.trace, scene.transient, dtype)
+
+    def of_program(scene, camera, part, *, settings):
+        return room(settings.trace, scene.transient, camera.time.dtype)
 
     def of_candidate(motion, rays, *, options):
         return room(options, motion.transient, rays.time.dtype)
@@ -254,7 +257,8 @@ def known_sizes():
         return BlockSizes(sizes, mesh, keys)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(render.Renderer, "_measure", of_picture)
+        patch.setattr(render, "staged_capacity", of_stages)
+        patch.setattr(render, "single_program_capacity", of_program)
         patch.setattr(step_setup, "measure_sizes", of_block)
         patch.setattr(simplify, "measure", of_candidate)
         yield

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from experiments.hostile import clouds, fuzz, mutate, pictures, settings
-from experiments.hostile.fuzz import _read
+from experiments.hostile.fuzz import outcome
 from experiments.hostile.reader import Reader, saved, text
 from gaussray.io.safe.arrays import read_npz
 
@@ -23,7 +23,7 @@ ENTRIES = {"a.npy": saved(np.arange(6.0)), "é.npy": b"x", "b.npy": b""}
 
 @pytest.mark.parametrize("deflated", [True, False])
 def test_an_archive_is_a_whole_zip_file(deflated):
-    with zipfile.ZipFile(io.BytesIO(mutate._archive(ENTRIES, deflated))) as archive:
+    with zipfile.ZipFile(io.BytesIO(mutate.packed(ENTRIES, deflated))) as archive:
         assert archive.testzip() is None
         assert {name: archive.read(name) for name in archive.namelist()} == ENTRIES
         method = zipfile.ZIP_DEFLATED if deflated else zipfile.ZIP_STORED
@@ -34,7 +34,7 @@ def test_an_archive_is_a_whole_zip_file(deflated):
     ("kind", "content"),
     [
         ("json", text({"frames": [{"time": 0.5}]})),
-        ("npz", mutate._archive(ENTRIES, deflated=False)),
+        ("npz", mutate.packed(ENTRIES, deflated=False)),
         ("png", pictures.picture(".png")),
         ("text", b"1 PINHOLE 4 3\n"),
     ],
@@ -50,10 +50,10 @@ def test_the_same_dice_damage_alike_and_nearly_always(kind, content):
 
 def test_a_header_is_damaged_as_the_json_that_it_is(tmp_path):
     told = text({"format": "x", "info": {"a": [1, 2]}}).decode()
-    content = mutate._archive({"header.npy": saved(np.array(told))}, deflated=False)
+    content = mutate.packed({"header.npy": saved(np.array(told))}, deflated=False)
     parsed = 0
     for i in range(200):
-        (tmp_path / "a.npz").write_bytes(mutate._npz(np.random.default_rng(i), content))
+        (tmp_path / "a.npz").write_bytes(mutate.damaged_npz(np.random.default_rng(i), content))
         try:
             header = json.loads(str(read_npz(tmp_path / "a.npz")["header"]))
         except (ValueError, KeyError, RecursionError):
@@ -65,13 +65,13 @@ def test_a_header_is_damaged_as_the_json_that_it_is(tmp_path):
 def test_whole_files_are_accepted_and_outcomes_told_apart(tmp_path):
     for reader in (clouds.READERS["points-ply"], settings.READERS["yaml"]):
         for files in reader.samples():
-            assert _read(reader, files, tmp_path, {}) == ("accepted", "")
+            assert outcome(reader, files, tmp_path, {}) == ("accepted", "")
 
     def fails(error):
         def read(folder):
             raise error
 
-        return _read(Reader(list, read, {}), {}, tmp_path, {})[0]
+        return outcome(Reader(list, read, {}), {}, tmp_path, {})[0]
 
     assert fails(ValueError(f"{tmp_path}: no file")) == "refused"
     assert fails(ValueError("no file")) == "unclear"
@@ -101,11 +101,11 @@ class Process:
 def test_a_process_that_dies_or_stands_still_is_known(monkeypatch):
     monkeypatch.setattr(fuzz, "SECONDS", 0.05)
     board, never = np.zeros(2, np.int64), float("inf")
-    assert fuzz._watched(Process(board, 3, 0), board, never) == ""
-    assert fuzz._watched(Process(board, 3, -9), board, never) == "killed"
-    assert fuzz._watched(Process(board, 3, 0, ends=False), board, never) == "hung"
+    assert fuzz.watched(Process(board, 3, 0), board, never) == ""
+    assert fuzz.watched(Process(board, 3, -9), board, never) == "killed"
+    assert fuzz.watched(Process(board, 3, 0, ends=False), board, never) == "hung"
     unfinished = Process(board, 10**6, 0)
-    assert fuzz._watched(unfinished, board, time.monotonic()) == "" and not unfinished.is_alive()
+    assert fuzz.watched(unfinished, board, time.monotonic()) == "" and not unfinished.is_alive()
 
 
 # For the life of a process, so in one of its own.

@@ -19,6 +19,7 @@ ANY_KEYWORD = {
     ("runtime/progress.py", "show"),
     ("runtime/lock.py", "locked"),
     ("runtime/program_cache.py", "called"),
+    ("runtime/stored_programs.py", "called"),
 }
 
 

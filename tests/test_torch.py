@@ -113,13 +113,14 @@ def test_a_stream_begins_anywhere_and_has_no_end(scene):
     assert [int(next(stream)["sample"]) for _ in range(3)] == [7, 8, 9]
 
 
-def test_workers_share_the_samples(scene, monkeypatch):
+def test_a_worker_takes_every_third_sample_of_three(scene, monkeypatch):
     class Worker:
         id, num_workers = 1, 3
 
-    rendered = RenderedFrames([f"scene={scene}"], begin=10, count=8)
+    words = [f"scene={scene}", *WORDS[:-4], "labels=[]"]
+    rendered = RenderedFrames(words, begin=10, count=8)
     monkeypatch.setattr("gaussray.torch.rendered.get_worker_info", lambda: Worker)
-    assert list(rendered._indices()) == [11, 14, 17]
+    assert [int(frame["sample"]) for frame in rendered] == [11, 14, 17]
 
 
 def test_a_picture_is_shared_with_pytorch_without_a_copy():

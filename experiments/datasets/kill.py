@@ -1,6 +1,6 @@
 """Films a data set in one go, and again with two kills on the way; both must be the same bytes.
 
-`python -m experiments.datasets.kill --out DIR [--takes 500]`: two frames of 24 x 24 pixels a take.
+`python -m experiments.datasets.kill --out DIR [--samples 500]`: two frames of 24 x 24 pixels each.
 """
 
 import argparse
@@ -72,9 +72,9 @@ def _single(x) -> jnp.ndarray:
     return jnp.asarray(x, jnp.float32)
 
 
-def film(scene: Path, out: Path, takes: int, stop: int | None = None) -> float:
+def film(scene: Path, out: Path, samples: int, stop: int | None = None) -> float:
     """Run the command, to its end or until `stop` pictures are there; seconds."""
-    words = ["render", f"scene={scene}", f"out={out}", f"dataset.count={takes}", *WORDS]
+    words = ["render", f"scene={scene}", f"out={out}", f"dataset.count={samples}", *WORDS]
     # What one run has compiled the next ones load.
     cache = {"JAX_COMPILATION_CACHE_DIR": str(scene / "compiled")}
     began = time.monotonic()
@@ -110,21 +110,21 @@ def digests(out: Path) -> dict[str, str]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, required=True, help="an empty folder")
-    parser.add_argument("--takes", type=int, default=500)
+    parser.add_argument("--samples", type=int, default=500)
     chosen = parser.parse_args()
-    scene, frames = chosen.out / "scene", len(TIMES) * chosen.takes
+    scene, frames = chosen.out / "scene", len(TIMES) * chosen.samples
     write_scene(scene)
     whole, broken = chosen.out / "whole", chosen.out / "broken"
-    print(f"undisturbed: {film(scene, whole, chosen.takes):.0f} s", flush=True)
+    print(f"undisturbed: {film(scene, whole, chosen.samples):.0f} s", flush=True)
     for part in (1, 2):
-        seconds = film(scene, broken, chosen.takes, part * frames // 3)
+        seconds = film(scene, broken, chosen.samples, part * frames // 3)
         left = {path: path.stat() for path in pictures(broken)}
         half = sum(1 for _ in broken.rglob(".*.part*"))
         there = f"{len(left)} of {frames} pictures, {half} half written"
         print(f"killed after {seconds:.0f} s: {there}", flush=True)
         if part == 1:
             first = left
-    print(f"to its end: {film(scene, broken, chosen.takes):.0f} s", flush=True)
+    print(f"to its end: {film(scene, broken, chosen.samples):.0f} s", flush=True)
     again = [path for path, old in {**left, **first}.items() if changed(path, old)]
     one, two = digests(whole), digests(broken)
     differing = [name for name in one.keys() | two.keys() if one.get(name) != two.get(name)]

@@ -25,7 +25,7 @@ from gaussray.cli import main as command
 from gaussray.runtime.lock import LOCK_FILE as LOCK
 
 
-WORKS = ("reconstruct", "render", "takes", "evaluate")
+WORKS = ("reconstruct", "render", "samples", "evaluate")
 # What a file says of when and how fast, which is never the same twice.
 TIMED = ("seconds", "fps", "began", "compile", "versions", "git", "changed")
 
@@ -70,7 +70,7 @@ class Work:
         return code != 0
 
     def _begun(self) -> Forked:
-        self._lock = self.out / (".gaussray.0-1.lock" if self.name == "takes" else LOCK)
+        self._lock = self.out / (".gaussray.0-1.lock" if self.name == "samples" else LOCK)
         self._lock.unlink(missing_ok=True)
         run = Forked(lambda: command(self.words), self.log)
         while run.poll() is None and not self._lock.exists():
@@ -155,7 +155,7 @@ def tried(work: Work, times: int, chance: random.Random) -> int:
     work.run()
     wrong = compare(work)
     lost = f"{max(work.steps)} steps, {max(work.lost):.2f} s" if work.steps else "-"
-    if work.name in ("render", "takes"):
+    if work.name in ("render", "samples"):
         lost = f"{work.anew} pictures made twice"
     print(
         f"| {work.name} | {work.kills} | {work.writing} | {seconds:.1f} | {lost} | "

@@ -28,7 +28,7 @@ from gaussray.dataset.manifest import write_manifest
 MOMENTS = {
     "reconstruct": ("gaussray.reconstruct.log.RunLog.record", 30),
     "render": ("gaussray.render.dataset.write_picture", 6),
-    "takes": ("gaussray.render.dataset.write_picture", 6),
+    "samples": ("gaussray.render.dataset.write_picture", 6),
     "evaluate": ("gaussray.evaluate.pipeline.write_image", 4),
 }
 # Of memory, for frames that need more.
@@ -195,7 +195,7 @@ class Machine:
         """A folder that another process holds, and one that it held when it was killed."""
         for work in self.works:
             with self.mounted() as out:
-                held = out / "takes" / "000000" if work == "takes" else out
+                held = out / "takes" / "000000" if work == "samples" else out
                 words = [sys.executable, "-c", HOLDER, str(held)]
                 other = subprocess.Popen(words, stdout=subprocess.PIPE)
                 assert other.stdout is not None and other.stdout.readline()

@@ -94,10 +94,10 @@ def write_capture(folder: Path) -> None:
 
 
 def words_of(work: str, capture: Path, out: Path) -> list[str]:
-    """The command of a work: reconstruct, render (a film), takes (of a distribution), evaluate."""
+    """The command of a work: reconstruct, render (a film), samples (drawn cameras), evaluate."""
     quiet = [f"out={out}", "progress=quiet", "report=false"]
     scene = f"scene={capture / 'run'}"
-    takes = ["dataset.count=24", "format=exr", "sample.sensor.exposure.uniform=[-1,1]"]
+    drawn = ["dataset.count=24", "format=exr", "sample.sensor.exposure.uniform=[-1,1]"]
     return {
         "reconstruct": ["reconstruct", f"capture.path={capture}", "resume=auto", *FIT, *quiet],
         "render": [
@@ -109,7 +109,7 @@ def words_of(work: str, capture: Path, out: Path) -> list[str]:
             *TRACE,
             *quiet,
         ],
-        "takes": ["render", scene, *takes, *TRACE, *quiet],
+        "samples": ["render", scene, *drawn, *TRACE, *quiet],
         "evaluate": ["evaluate", scene, f"truth={capture}", "evaluate.split=all", *TRACE, *quiet],
     }[work]
 

@@ -160,7 +160,7 @@ def _read_path(name: str) -> Callable[[Path], object]:
     return read
 
 
-def _takes() -> list[Files]:
+def _samples() -> list[Files]:
     frame = {"file_path": "images/0.png", "labels": {"layers": "labels/0.exr"}}
     lines = [
         text({"version": 1, "index": i, "folder": f"takes/00000{i}", "frames": [frame]})
@@ -217,5 +217,5 @@ READERS = {
         _read_path("path.txt"),
         {"path.txt": "text"},
     ),
-    "manifest": Reader(_takes, _pack, {"manifest.jsonl": "json"}),
+    "manifest": Reader(_samples, _pack, {"manifest.jsonl": "json"}),
 }

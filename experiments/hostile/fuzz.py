@@ -69,7 +69,7 @@ def _campaign(name, seed, inputs, ends, out):
             work = name, seed, term, board, Path(folder), out
             child = multiprocessing.get_context("fork").Process(target=_work, args=work)
             child.start()
-            fate = _watched(child, told, ends)
+            fate = watched(child, told, ends)
         if fate:
             told[2 + KINDS.index(fate)] += 1
             _note(out, name, seed, int(told[0]), fate, "")
@@ -77,7 +77,7 @@ def _campaign(name, seed, inputs, ends, out):
     return dict(zip(KINDS, told[2:].tolist(), strict=True))
 
 
-def _watched(child, told, ends):
+def watched(child, told, ends):
     """Wait for a process; what became of it, nothing if it ended as it should or the clock did."""
     last, since = -1, time.monotonic()
     while child.is_alive():
@@ -108,7 +108,7 @@ def _work(name, seed, inputs, board, folder, out, show=False):
     samples, lying = reader.samples(), {}
     _silence(show)
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    _read(reader, samples[0], folder, lying)
+    outcome(reader, samples[0], folder, lying)
     size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (size + ROOM, size + ROOM))
     trap = Trap(folder)
@@ -121,7 +121,7 @@ def _work(name, seed, inputs, board, folder, out, show=False):
         victim = chosen[int(dice.integers(len(chosen)))]
         files[victim] = damaged(dice, files[victim], reader.kinds[victim])
         with trap:
-            kind, why = _read(reader, files, folder, lying)
+            kind, why = outcome(reader, files, folder, lying)
         if trap.sprung:
             kind, why = "escaped", f"{trap.sprung} ({kind})"
         if told is not None:
@@ -134,7 +134,7 @@ def _work(name, seed, inputs, board, folder, out, show=False):
         told[0] = inputs.stop
 
 
-def _read(reader, files, folder, lying):
+def outcome(reader, files, folder, lying):
     """What becomes of a set of files, and the traceback of what should not be; `lying` are those of
     the folder as they are."""
     for name, content in files.items():

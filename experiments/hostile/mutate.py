@@ -63,7 +63,7 @@ def damaged(dice: np.random.Generator, content: bytes, kind: str) -> bytes:
     if kind == "json" and not whole:
         return _json(dice, content)
     if kind == "npz" and not whole:
-        return _npz(dice, content)
+        return damaged_npz(dice, content)
     if kind == "png" and not whole:
         return _png(dice, content)
     for _ in range(int(dice.integers(1, 5))):
@@ -147,7 +147,7 @@ def _keys(node):
     )
 
 
-def _npz(dice, content):
+def damaged_npz(dice, content):
     """One entry is changed, and the archive is whole again."""
     entries = dict(_entries(content))
     name = list(entries)[int(dice.integers(len(entries)))]
@@ -171,7 +171,7 @@ def _npz(dice, content):
             entries[name] = _npy(np.array(_json(dice, told.encode()).decode()))
         case _:
             entries[name] = _bytes(dice, entries[name])
-    return _archive(entries, deflated=dice.random() < 0.5)
+    return packed(entries, deflated=dice.random() < 0.5)
 
 
 @functools.lru_cache(maxsize=16)
@@ -180,7 +180,7 @@ def _entries(content):
         return [(name, archive.read(name)) for name in archive.namelist()]
 
 
-def _archive(entries, deflated):
+def packed(entries, deflated):
     """A zip file; `zipfile` takes ten times as long to write one of many small entries."""
     files, index = bytearray(), bytearray()
     for name, data in entries.items():

@@ -18,7 +18,7 @@ from gaussray.dataset.sample_manifest import read_frames
 
 def batches(data: Path | str, size: int, key: jax.Array) -> Iterator[dict[str, jax.Array]]:
     """One epoch of whole batches: linear light [size, h, w, 3], poses (camera to world, OpenGL
-    axes) [size, 4, 4], times of all rows [size, h], and the takes' indices [size]."""
+    axes) [size, 4, 4], times of all rows [size, h], and the samples' indices [size]."""
     data, frames = Path(data), list(read_frames(data))
     order = np.asarray(jax.random.permutation(key, len(frames)))
     parts = order[: len(order) // size * size].reshape(-1, size)
@@ -31,7 +31,7 @@ def batches(data: Path | str, size: int, key: jax.Array) -> Iterator[dict[str, j
             "light": np.stack(light),
             "pose": np.stack([np.float32(one["transform_matrix"]) for one in chosen]),
             "row_times": np.stack(times),
-            "take": np.stack([one["take"]["index"] for one in chosen]),
+            "sample": np.stack([one["take"]["index"] for one in chosen]),
         }
 
     with ThreadPoolExecutor(1) as pool:

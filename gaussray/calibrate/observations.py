@@ -12,8 +12,9 @@ from gaussray.calibrate.parameters import Unknown
 from gaussray.calibrate.solver import Observation
 from gaussray.camera.lens import AbstractLens
 from gaussray.camera.shutter import time_window
-from gaussray.capture.capture import Capture, View, evenly_spread
+from gaussray.capture.capture import Capture, View
 from gaussray.capture.frames import read_encoded, visible_pixels
+from gaussray.capture.spread import evenly_spread
 from gaussray.color import srgb_decode
 from gaussray.scene.scene import Scene, key_count
 from gaussray.scene.segmented import Clip, segment_edges, segments_of
@@ -89,8 +90,8 @@ def check_views(views: Sequence[View], unknowns: tuple[Unknown, ...]) -> None:
         )
 
 
-def _equal(one: list[Any], other: list[Any]) -> bool:
-    return all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
+def _equal(first: list[Any], other: list[Any]) -> bool:
+    return all(np.array_equal(a, b) for a, b in zip(first, other, strict=True))
 
 
 def read_observation(

@@ -33,13 +33,13 @@ class Unknown(eqx.Module):
         kind: the choice of `calibrate.parameters` that it belongs to.
         name: its name in the report.
         unit: unit in which it is reported.
-        place: its index in its field of `Corrections`.
+        column: its index in its field of `Corrections`.
     """
 
     kind: str = eqx.field(static=True)
     name: str = eqx.field(static=True)
     unit: str = eqx.field(static=True)
-    place: int = eqx.field(static=True)
+    column: int = eqx.field(static=True)
 
     @property
     def field(self) -> str:
@@ -163,8 +163,8 @@ def _rows(
     for field, count in size.items():
         index = [i for i, one in enumerate(parameters) if one.field == field]
         if index:
-            place = np.array([parameters[i].place for i in index])
-            rows[field] = jnp.zeros(count, value.dtype).at[place].set(value[np.array(index)])
+            column = np.array([parameters[i].column for i in index])
+            rows[field] = jnp.zeros(count, value.dtype).at[column].set(value[np.array(index)])
     return rows
 
 
@@ -195,14 +195,14 @@ def reported_values(
         match one.kind:
             case "focal":
                 return require_correctable(corrected.lens, _KEY).focal_length
-            case "lens" if one.place < 3:
-                return require_correctable(corrected.lens, _KEY).principal_point[one.place - 1]
+            case "lens" if one.column < 3:
+                return require_correctable(corrected.lens, _KEY).principal_point[one.column - 1]
             case "lens":
-                return require_correctable(corrected.lens, _KEY).coefficient_values[one.place - 3]
+                return require_correctable(corrected.lens, _KEY).coefficient_values[one.column - 3]
             case "shutter":
                 return shutter.row_step * (rows - 1)
             case "exposure":
-                return gain[one.place]
+                return gain[one.column]
             case _:
                 return raw * (math.degrees(1) if one.unit == "degrees" else 1)
 

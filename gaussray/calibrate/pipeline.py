@@ -117,7 +117,9 @@ def _solver(
     trace: TraceOptions,
 ) -> CameraSolver:
     """The solver, which renders as many rays a pixel as the effects of the pictures need."""
-    samples = options.samples or max(rays_per_pixel(one.camera) for one in observations)
+    samples = options.samples or max(
+        rays_per_pixel(observation.camera) for observation in observations
+    )
     residuals = ResidualEvaluator(samples=samples, trace=trace, bend=options.huber_threshold)
     cameras = unit_camera_set(observations[0].camera)
     return CameraSolver(observations, parameters, cameras, residuals)

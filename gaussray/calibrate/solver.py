@@ -76,13 +76,13 @@ def unknown_places(
             index for all cameras.
         cameras: number of cameras.
     """
-    shared = np.array([one.kind in SHARED for one in unknowns], bool)
+    shared = np.array([unknown.kind in SHARED for unknown in unknowns], bool)
     separate = int(np.sum(~shared))
-    place = np.zeros((cameras, len(unknowns)), int)
-    place[:, shared] = np.arange(np.sum(shared))
+    index = np.zeros((cameras, len(unknowns)), int)
+    index[:, shared] = np.arange(np.sum(shared))
     first = np.sum(shared) + separate * np.arange(cameras)
-    place[:, ~shared] = first[:, None] + np.arange(separate)
-    return place
+    index[:, ~shared] = first[:, None] + np.arange(separate)
+    return index
 
 
 def block_sides(observations: Sequence[Observation], coarsest: int) -> list[int]:
@@ -92,7 +92,7 @@ def block_sides(observations: Sequence[Observation], coarsest: int) -> list[int]
         observations: the pictures.
         coarsest: least number of blocks along the smaller side of a picture at the first level.
     """
-    least = min(min(one.mask.shape) for one in observations)
+    least = min(min(observation.mask.shape) for observation in observations)
     return [2**i for i in range(max(int(math.log2(max(least / coarsest, 1))), 0), -1, -1)]
 
 
@@ -114,7 +114,9 @@ class CameraSolver:
         residuals: ResidualEvaluator,
     ):
         self.observations, self.unknowns, self.unit = observations, unknowns, unit
-        self.places = unknown_places(unknowns, 1 + max(one.camera_index for one in observations))
+        self.places = unknown_places(
+            unknowns, 1 + max(observation.camera_index for observation in observations)
+        )
         self._residuals = residuals
 
     @property
@@ -126,7 +128,8 @@ class CameraSolver:
         """Every observation in blocks of `factor` x `factor` pixels."""
         bundle = self._residuals.trace.bundle
         return [
-            pixel_blocks(one.light, one.mask, factor, bundle=bundle) for one in self.observations
+            pixel_blocks(observation.light, observation.mask, factor, bundle=bundle)
+            for observation in self.observations
         ]
 
     def recorded_sums(self, factor: int) -> Sums:
@@ -147,17 +150,17 @@ class CameraSolver:
         n, residuals = self.count, []
         gradient, scatter = np.zeros(n), np.zeros((2, n, n))
         curvature, inlier_curvature = np.zeros((n, n)), np.zeros((n, n))
-        for one, groups in zip(self.observations, level, strict=True):
-            place = self.places[one.camera_index]
-            square = np.ix_(place, place)
-            numbers = jnp.asarray(value[place], one.camera.time.dtype)
-            estimate = CameraEstimate(one.camera, self.unit, self.unknowns, numbers)
+        for observation, groups in zip(self.observations, level, strict=True):
+            index = self.places[observation.camera_index]
+            square = np.ix_(index, index)
+            numbers = jnp.asarray(value[index], observation.camera.time.dtype)
+            estimate = CameraEstimate(observation.camera, self.unit, self.unknowns, numbers)
             for blocks in groups:
                 part: NormalEquations = self._residuals(
-                    one.scene, estimate, blocks, deviation, keys=one.keys
+                    observation.scene, estimate, blocks, deviation, keys=observation.keys
                 )
                 residuals.append(part.residual[part.counts > 0].ravel())
-                gradient[place] += part.gradient
+                gradient[index] += part.gradient
                 curvature[square] += part.curvature
                 inlier_curvature[square] += part.inlier_curvature
                 scatter[:, *square] += part.scatter

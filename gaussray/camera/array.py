@@ -8,6 +8,7 @@ from jaxtyping import Array, Float, Int
 
 from gaussray.camera.camera import Camera
 from gaussray.camera.shutter import time_window
+from gaussray.runtime.stored_programs import kept_jit
 
 
 class CameraSet(eqx.Module):
@@ -125,7 +126,7 @@ def rays_per_pixel(camera: Camera) -> int:
     return 4 if any(np.any(np.asarray(x)) for x in blur) else 1
 
 
-@jax.jit
+@kept_jit
 def _pixel_angle(cameras: Camera) -> Float[Array, " cameras"]:
     """Angle between the rays of neighbouring pixels in the middle of the picture, in radians."""
     film = cameras.film

@@ -12,6 +12,9 @@ from jaxtyping import Array, Bool, Float
 # 2^-17, 1e-10, 1e-16 where the curvature over the whole bracket is of the order of the slope.
 HALVINGS, POLISH = 16, 2
 
+# The entries (du/dx, du/dy, dv/dx, dv/dy) of the Jacobian of a map of the plane at a point.
+Jacobian = tuple[Array, Array, Array, Array]
+
 
 def increasing_root(
     function: Callable[[Array, Any], Array],
@@ -67,10 +70,12 @@ def plane_root(
     *,
     steps: int,
     residual: float,
+    jacobian: Callable[[Array, Any], Jacobian] | None = None,
 ) -> tuple[Float[Array, "2"], Bool[Array, ""]]:
     """The x in the plane where function(x, parameters) = value, by Newton's method.
 
-    The last step has the exact first derivatives with respect to `value` and `parameters`.
+    The last step has the exact first derivatives with respect to `value` and `parameters`. The
+    others are a loop: a program with a copy of each takes XLA four times as long to compile.
 
     Args:
         function: maps the plane to itself.
@@ -79,44 +84,47 @@ def plane_root(
         start: where Newton's method starts.
         steps: number of steps without gradient.
         residual: largest error, per coordinate, of a root.
+        jacobian: of the function; None differentiates it.
 
     Returns:
         The root, or `start` if none was found; and whether it was found: the error is below
         `residual`, and the function keeps orientation there.
     """
 
+    slopes = jacobian or jacobian_of(function)
+
     def newton(x, value, parameters):
         error = function(x, parameters) - value
-        a, b, c, d = _jacobian(function, x, parameters)
+        a, b, c, d = slopes(x, parameters)
         determinant = a * d - b * c
         step = jnp.stack([d * error[0] - b * error[1], a * error[1] - c * error[0]])
         return x - step / jnp.where(determinant == 0, 1, determinant)
 
     fixed = jax.lax.stop_gradient((value, parameters))
     x = jax.lax.stop_gradient(start)
-    for _ in range(steps):
-        x = newton(x, *fixed)
+    x = jax.lax.fori_loop(0, steps, lambda _, x: newton(x, *fixed), x)
     error = jnp.max(jnp.abs(function(x, fixed[1]) - fixed[0]))
-    is_root = (error < residual) & keeps_orientation(function, x, fixed[1])
+    is_root = (error < residual) & keeps_orientation(slopes(x, fixed[1]))
     # Where Newton failed it may have run to infinity; the start keeps the gradients finite.
     x = jnp.where(is_root, x, start)
     return newton(jax.lax.stop_gradient(x), value, parameters), is_root
 
 
-def keeps_orientation(
-    function: Callable[[Array, Any], Array], x: Float[Array, "2"], parameters: Any
-) -> Bool[Array, ""]:
-    """Whether the Jacobian determinant of a map of the plane is positive at a point.
-
-    Args:
-        function: maps the plane to itself.
-        x: the point.
-        parameters: second argument of the function, any pytree.
-    """
-    a, b, c, d = _jacobian(function, x, parameters)
+def keeps_orientation(jacobian: Jacobian) -> Bool[Array, ""]:
+    """Whether the determinant of a map's Jacobian is positive."""
+    a, b, c, d = jacobian
     return a * d - b * c > 0
 
 
-def _jacobian(function, x, parameters):
-    (a, b), (c, d) = jax.jacfwd(function)(x, parameters)
-    return a, b, c, d
+def jacobian_of(function: Callable[[Array, Any], Array]) -> Callable[[Array, Any], Jacobian]:
+    """The Jacobian of a map of the plane, by forward differentiation.
+
+    Args:
+        function: maps the plane to itself; its second argument is any pytree.
+    """
+
+    def slopes(x: Array, parameters: Any) -> Jacobian:
+        (a, b), (c, d) = jax.jacfwd(function)(x, parameters)
+        return a, b, c, d
+
+    return slopes

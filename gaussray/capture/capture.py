@@ -3,7 +3,6 @@
 import dataclasses
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TypeVar
 
 import jax
 import numpy as np
@@ -13,9 +12,6 @@ from gaussray.camera.lens import AbstractLens
 from gaussray.camera.trajectory import Trajectory
 from gaussray.capture.points import Points
 from gaussray.capture.stored_part import Window
-
-
-_T = TypeVar("_T")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -106,17 +102,6 @@ class Capture:
         effects = {name: change(views) for name, views in self.effects.items()}
         effects = {name: views for name, views in effects.items() if views}
         return dataclasses.replace(self, views=pinhole, effects=effects)
-
-
-def evenly_spread(items: Sequence[_T], count: int) -> list[_T]:
-    """At most so many items at even distances, the first and the last included.
-
-    Args:
-        items: the items, in order.
-        count: the largest number of them.
-    """
-    indices = np.linspace(0, len(items) - 1, min(len(items), count)).round().astype(int)
-    return [items[i] for i in indices]
 
 
 def viewpoints(views: Sequence[View]) -> list[int]:

@@ -60,11 +60,11 @@ def _from_distances(views: Sequence[View]) -> dict[str, float]:
     of_camera: dict[str, list[View]] = {}
     for view in views:
         of_camera.setdefault(view.camera_name, []).append(view)
-    still = [name for name, some in of_camera.items() if _stands_still(some)]
+    still = [name for name, shown in of_camera.items() if _stands_still(shown)]
     if len(still) < 2:
         return {}
-    place = np.concatenate([_path(of_camera[name][0]) for name in still])
-    distance = np.linalg.norm(place[:, None] - place[None], axis=-1)
+    centre = np.concatenate([_path(of_camera[name][0]) for name in still])
+    distance = np.linalg.norm(centre[:, None] - centre[None], axis=-1)
     np.fill_diagonal(distance, np.inf)
     return dict(zip(still, (_SHARE * distance.min(axis=1)).tolist(), strict=True))
 

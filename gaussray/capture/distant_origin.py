@@ -31,11 +31,11 @@ def read_near_origin(read: Callable[[], Capture]) -> Capture:
     origin = _place_among_cameras(capture)
     if origin is None:
         return capture
-    place = ", ".join(f"{x:.10g}" for x in origin)
+    position = ", ".join(f"{x:.10g}" for x in origin)
     warnings.warn(
         f"{capture.folder}: the world's origin is so far from the cameras that numbers of 32 bits "
-        f"do not tell their positions apart. All positions are counted from ({place}): add it to "
-        "those of what is exported.",
+        f"do not tell their positions apart. All positions are counted from ({position}): add it "
+        "to those of what is exported.",
         CaptureWarning,
         stacklevel=3,
     )

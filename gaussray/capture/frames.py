@@ -274,10 +274,10 @@ def _shown(view: PictureFile, stored: StoredPicture) -> StoredPicture:
 def _in_order(jobs: Iterable[tuple[int, Future]]) -> Iterator[tuple[int, StoredPicture]]:
     """The results of jobs in their order, while a few more run."""
     waiting: deque[tuple[int, Future]] = deque()
-    for place, job in jobs:
-        waiting.append((place, job))
+    for index, job in jobs:
+        waiting.append((index, job))
         if len(waiting) > _AHEAD:
-            place, job = waiting.popleft()
-            yield place, job.result()
-    for place, job in waiting:
-        yield place, job.result()
+            index, job = waiting.popleft()
+            yield index, job.result()
+    for index, job in waiting:
+        yield index, job.result()

@@ -13,6 +13,7 @@ from gaussray.capture.clip_start import with_clip_starts
 from gaussray.capture.distant_origin import read_near_origin
 from gaussray.capture.errors import CaptureError, CaptureWarning
 from gaussray.capture.formats.actorshq import CALIBRATION_FILE, is_actorshq, read_actorshq
+from gaussray.capture.formats.alicevision import alicevision_file, read_alicevision
 from gaussray.capture.formats.colmap import read_colmap
 from gaussray.capture.formats.colmap_files import PLACES, model_folder
 from gaussray.capture.formats.colmap_project import project_folder
@@ -25,6 +26,8 @@ from gaussray.capture.formats.nerfies import DATASET_FILE, is_nerfies, read_nerf
 from gaussray.capture.formats.neural3d import read_neural3d, videos_of
 from gaussray.capture.formats.neus import CAMERA_FILES, neus_file, read_neus
 from gaussray.capture.formats.no_capture import media_folder, remedy_for
+from gaussray.capture.formats.openmvg import SFM_DATA_FILES, openmvg_file, read_openmvg
+from gaussray.capture.formats.opensfm import RECONSTRUCTION_FILES, opensfm_file, read_opensfm
 from gaussray.capture.formats.paired import effect_files, read_capture
 from gaussray.capture.formats.pinf import INFO_FILE, is_pinf, read_pinf
 from gaussray.capture.formats.poses_bounds import POSES_FILE, read_poses_bounds
@@ -52,6 +55,9 @@ FORMATS: dict[str, Callable[[Path | str, DTypeLike], Capture]] = {
     "colmap": read_colmap,
     "metashape": read_metashape,
     "neus": read_neus,
+    "alicevision": read_alicevision,
+    "opensfm": read_opensfm,
+    "openmvg": read_openmvg,
 }
 # The files of each format, for the message about a folder of none.
 FORMAT_FILES = {
@@ -68,10 +74,13 @@ FORMAT_FILES = {
     "colmap": f"cameras and images (.bin or .txt) in one of {', '.join(PLACES)}",
     "metashape": "an XML file of Metashape's Export Cameras, and pictures in images/ or beside it",
     "neus": f"{' or '.join(CAMERA_FILES)} and pictures in image/",
+    "alicevision": "a file *.sfm of AliceVision or Meshroom, and pictures",
+    "opensfm": f"{' or '.join(RECONSTRUCTION_FILES)}, and pictures in images/",
+    "openmvg": f"{SFM_DATA_FILES[0]} of OpenMVG, and pictures",
 }
 
 # Formats whose files name no masks: these lie in a folder of their own.
-_MASKED = ("colmap", "llff", "metashape")
+_MASKED = ("colmap", "llff", "metashape", "alicevision", "opensfm", "openmvg")
 
 
 def open_capture(
@@ -155,7 +164,7 @@ def format_of(folder: Path | str) -> str:
     JSON files come first (a model of COLMAP beside them is what they were made from; those of
     splits before one of all frames, with a warning), then poses_bounds.npy with videos, then
     COLMAP, then poses_bounds.npy with pictures, then the XML file of Metashape, then projections of
-    IDR and NeuS.
+    IDR and NeuS, then projects of AliceVision, OpenSfM and OpenMVG.
 
     Raises:
         CaptureError: the folder holds files of no format.
@@ -217,4 +226,10 @@ def _format(folder: Path) -> str | None:
         return "colmap"
     if metashape_file(folder) is not None:
         return "metashape"
-    return None if neus_file(folder) is None else "neus"
+    found = {
+        "neus": neus_file,
+        "alicevision": alicevision_file,
+        "opensfm": opensfm_file,
+        "openmvg": openmvg_file,
+    }
+    return next((name for name, file_of in found.items() if file_of(folder) is not None), None)

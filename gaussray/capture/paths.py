@@ -27,14 +27,14 @@ def read_path(
         CaptureError: the file is malformed, or its times do not increase.
     """
     path = Path(path)
-    times, quat, place = _of_json(path) if path.suffix == ".json" else _of_text(path)
+    times, quat, position = _of_json(path) if path.suffix == ".json" else _of_text(path)
     falls = np.flatnonzero(np.diff(times) <= 0)
     if len(falls):
         raise CaptureError(
             f"{path}: the times of a path must strictly increase, got {times[falls[0] + 1]} after "
             f"{times[falls[0]]}. Keep the poses of one camera, one for each time."
         )
-    return times, quat, place
+    return times, quat, position
 
 
 def _of_json(path):

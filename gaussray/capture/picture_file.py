@@ -236,7 +236,8 @@ def check_size(path: Path | str, size: Sequence[int], width: int, height: int) -
     if tuple(size) != (width, height):
         raise CaptureError(
             f"{path}: the picture must be w x h = {width} x {height} as its camera says, "
-            f"got {size[0]} x {size[1]}. Correct w and h, or resize the picture."
+            f"got {size[0]} x {size[1]}. Resize the picture, or correct w and h together with "
+            "fl_x, fl_y, cx and cy, which are in pixels of that size."
         )
 
 

@@ -57,13 +57,13 @@ def _median_level(
     seen = None if visible is None else visible.reshape(count, -1)
     result = np.empty(levels.shape[1:], np.float32)
     for piece in (slice(i, i + _PIECE) for i in range(0, len(result), _PIECE)):
-        some, several = levels[:, piece], np.full((1, 1), count)
+        seen_levels, several = levels[:, piece], np.full((1, 1), count)
         if seen is not None:
             several = seen[:, piece].sum(axis=0)[:, None]
-            some = np.where(seen[:, piece, None], some, np.uint8(255))
-        low = _ranked(some, np.maximum(several - 1, 0) // 2)
-        reached = sum((level <= low).astype(np.int32) for level in some)
-        above = np.min(np.where(some > low, some, np.uint8(255)), axis=0)
+            seen_levels = np.where(seen[:, piece, None], seen_levels, np.uint8(255))
+        low = _ranked(seen_levels, np.maximum(several - 1, 0) // 2)
+        reached = sum((level <= low).astype(np.int32) for level in seen_levels)
+        above = np.min(np.where(seen_levels > low, seen_levels, np.uint8(255)), axis=0)
         high = np.where(reached > several // 2, low, above)
         result[piece] = np.where(several > 0, (low.astype(np.float32) + high) / 2, np.nan)
     return result.reshape(pictures.shape[1:])

@@ -39,13 +39,13 @@ def with_times_from_first(capture: Capture) -> Capture:
     finest = max(float(np.spacing(np.asarray(first, view.camera.time.dtype))) for view in views)
     if finest <= _FINEST * step:
         return capture
-    told = (
+    problem = (
         f"{capture.folder}: times begin at {first:.10g}, where cameras' numbers are {finest:.1g} "
         f"apart, but pictures follow one another after {step:.2g}"
     )
     if any(_follows_times(view) for view in views):
-        raise CaptureError(f"{told}. Subtract the first time from all: time, trajectory, focus.")
-    warnings.warn(f"{told}: times are counted from the first one.", CaptureWarning, stacklevel=3)
+        raise CaptureError(f"{problem}. Subtract the first time from all: time, trajectory, focus.")
+    warnings.warn(f"{problem}: times are counted from the first one.", CaptureWarning, stacklevel=3)
 
     capture = capture.with_views(lambda views: [_counted_from(view, first) for view in views])
     return dataclasses.replace(capture, time_range=(0.0, capture.time_range[1] - first))

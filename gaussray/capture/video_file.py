@@ -93,9 +93,9 @@ def decoded_frames(path: Path) -> Iterator[Any]:
     with open_video(path) as container:
         stream = video_stream(path, container)
         stream.thread_type = "AUTO"
-        for place, frame in enumerate(container.decode(stream)):
+        for index, frame in enumerate(container.decode(stream)):
             if frame.is_corrupt:
-                raise damaged_video(path, f"frame {place} is damaged")
+                raise damaged_video(path, f"frame {index} is damaged")
             yield frame
 
 

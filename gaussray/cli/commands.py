@@ -230,7 +230,7 @@ def _prepare(cfg: Configuration, devices: int | None) -> None:
         if cfg.report and (out / FACTS_FILE).is_file():
             raise PrepareError(f"{error} See {write_page('prepare', out)}.") from None
         raise
-    doubtful = [one["text"] for one in facts["findings"] if one["level"] == "warn"]
+    doubtful = [finding["text"] for finding in facts["findings"] if finding["level"] == "warn"]
     more = f" {len(doubtful)} doubtful: {'; '.join(doubtful)}. See report.html." if doubtful else ""
     times = facts["timestamps"]
     pictures = f"{counted(len(facts['cameras']), 'camera')}, {counted(times, 'timestamp')}"

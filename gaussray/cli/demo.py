@@ -22,6 +22,10 @@ from gaussray.runtime.progress import say
 from gaussray.tracer.options import TraceOptions
 
 
+# Pictures that the scene was fitted to, beside which those of held-out cameras are scored.
+_TRAINING_VIEWS = EvaluateOptions(split="train", frames=26, images=False)
+
+
 class DemoOptions(NamedTuple):
     """Options of the two stages and of the evaluation."""
 
@@ -58,14 +62,8 @@ def demo(
     Raises:
         FileNotFoundError: The folder of the capture does not exist.
     """
-    began = clock.monotonic()
-    folder, out = Path(capture or sample("capture")), Path(out)
-    if not folder.is_dir():
-        raise FileNotFoundError(
-            f"{folder}: the sample capture is missing. It is part of the repository and of the "
-            "wheel: install one of them completely, or name a capture of yours: capture.path=DIR."
-        )
-    truth = read_capture(folder)
+    began, out = clock.monotonic(), Path(out)
+    truth = read_capture(_existing(Path(capture or sample("capture"))))
     scene = reconstruct(
         truth,
         out,
@@ -89,21 +87,35 @@ def demo(
             quiet=quiet,
         )
 
-    training_views = EvaluateOptions(split="train", frames=26, images=False)
-    train = scores(dataclasses.replace(truth, effects={}), out / "train", training_views)
-    report = scores(truth, out, options.evaluate)
-    report["train"] = train["effects"]["pinhole"]
-    report["seconds"] = {
-        "reconstruct": round(reconstructed - began, 1),
-        "evaluate": round(clock.monotonic() - reconstructed, 1),
-        "total": round(clock.monotonic() - began, 1),
-    }
+    pinhole = dataclasses.replace(truth, effects={})
+    train = scores(pinhole, out / "train", _TRAINING_VIEWS)
+    report = scores(truth, out, options.evaluate) | {"train": train["effects"]["pinhole"]}
+    report["seconds"] = _seconds(began, reconstructed, clock.monotonic())
     if is_primary():
         # The scores of the training views are a row of the report, not a folder.
         shutil.rmtree(out / "train", ignore_errors=True)
         write_json(out / "report.json", report)
         _tell(report, out)
     return report
+
+
+def _existing(folder: Path) -> Path:
+    """The folder of the capture."""
+    if not folder.is_dir():
+        raise FileNotFoundError(
+            f"{folder}: the sample capture is missing. It is part of the repository and of the "
+            "wheel: install one of them completely, or name a capture of yours: capture.path=DIR."
+        )
+    return folder
+
+
+def _seconds(began: float, reconstructed: float, ended: float) -> dict[str, float]:
+    """How long the stages took."""
+    return {
+        "reconstruct": round(reconstructed - began, 1),
+        "evaluate": round(ended - reconstructed, 1),
+        "total": round(ended - began, 1),
+    }
 
 
 def _tell(report: dict[str, Any], out: Path) -> None:

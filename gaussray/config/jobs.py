@@ -102,9 +102,9 @@ def _note_of_cameras(
     held_out = any(view.split == "test" for view in views)
     if camera.kind == "capture" and camera.split == "test" and not camera.names and not held_out:
         names = list(dict.fromkeys(view.camera_name for view in views))
-        some = ", ".join(names) if len(names) < 4 else f"{names[0]} to {names[-1]}"
+        listed = ", ".join(names) if len(names) < 4 else f"{names[0]} to {names[-1]}"
         note(
-            f"No camera is held out, so all {len(names)} are rendered ({some}); "
+            f"No camera is held out, so all {len(names)} are rendered ({listed}); "
             "camera.names=[CAMERA] chooses some."
         )
 
@@ -113,7 +113,7 @@ def _note_of_times(
     scene: Scene | Clip, records: Sequence[FrameRecord], note: Callable[[str], Any]
 ) -> None:
     """Say how many pictures are exposed far outside of the scene's times, where nothing moves."""
-    ranges = np.array([np.asarray(one.time_range) for one in segments_of(scene)])
+    ranges = np.array([np.asarray(segment.time_range) for segment in segments_of(scene)])
     begin, end = float(ranges.min()), float(ranges.max())
     windows: dict[int, tuple[float, float]] = {}
     outside = 0

@@ -246,5 +246,5 @@ def _matrix(rotation, translation):
     """Camera-to-world 4x4 in OpenGL axes."""
     rotation = np.asarray(rotation)
     rotation = rotation * np.asarray(BLENDER_AXES, rotation.dtype)[None]
-    linear, place = json_numbers(rotation), json_numbers(translation)
-    return [[*row, x] for row, x in zip(linear, place, strict=True)] + [[0.0, 0.0, 0.0, 1.0]]
+    linear, position = json_numbers(rotation), json_numbers(translation)
+    return [[*row, x] for row, x in zip(linear, position, strict=True)] + [[0.0, 0.0, 0.0, 1.0]]

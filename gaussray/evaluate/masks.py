@@ -12,8 +12,9 @@ from jaxtyping import Array, Bool, Float16, UInt8
 
 from gaussray.camera.camera import Camera
 from gaussray.camera.film import pixel_grid
-from gaussray.capture.capture import View, evenly_spread, viewpoints
+from gaussray.capture.capture import View, viewpoints
 from gaussray.capture.frames import read_encoded
+from gaussray.capture.spread import evenly_spread
 from gaussray.capture.temporal_median import differs, temporal_median
 
 
@@ -74,10 +75,10 @@ class MotionMasks:
         self._group: dict[Path, int] = {}
         self._views: dict[int, list[View]] = {}
         self._places: dict[str, set[int]] = {}
-        for place, view in zip(viewpoints(views), views, strict=True):
-            self._group[view.image] = place
-            self._views.setdefault(place, []).append(view)
-            self._places.setdefault(view.camera_name, set()).add(place)
+        for viewpoint, view in zip(viewpoints(views), views, strict=True):
+            self._group[view.image] = viewpoint
+            self._views.setdefault(viewpoint, []).append(view)
+            self._places.setdefault(view.camera_name, set()).add(viewpoint)
         self._found: dict[int, _Still] = {}
 
     def find(self, views: Sequence[View], threads: ThreadPoolExecutor) -> None:
@@ -93,8 +94,8 @@ class MotionMasks:
         size = sum(3 * view.width * view.height for view in first[:_MOST])
         step = int(max(_BYTES // max(size, 1), 1))
         for begin in range(0, len(missing), step):
-            some = missing[begin : begin + step]
-            self._found |= zip(some, threads.map(self._median_of, some), strict=True)
+            batch = missing[begin : begin + step]
+            self._found |= zip(batch, threads.map(self._median_of, batch), strict=True)
 
     def moving(
         self, view: View, picture: UInt8[np.ndarray, "h w 3"]
@@ -119,13 +120,13 @@ class MotionMasks:
         return None if still is None else still.static
 
     def _still(self, view: View) -> "_Still | None":
-        place = self._group[view.image]
-        if place not in self._found and len(self._views[place]) > 1:
-            self._found[place] = self._median_of(place)
-        return self._found.get(place)
+        viewpoint = self._group[view.image]
+        if viewpoint not in self._found and len(self._views[viewpoint]) > 1:
+            self._found[viewpoint] = self._median_of(viewpoint)
+        return self._found.get(viewpoint)
 
-    def _median_of(self, place: int) -> "_Still":
-        group = self._views[place]
+    def _median_of(self, viewpoint: int) -> "_Still":
+        group = self._views[viewpoint]
         pictures = np.stack([view_levels(view) for view in evenly_spread(group, _MOST)])
         # Medians of levels are multiples of one half.
         median = temporal_median(pictures).astype(np.float16)

@@ -14,8 +14,9 @@ import numpy as np
 from jaxtyping import Bool, UInt8
 
 from gaussray.camera.shutter import time_window
-from gaussray.capture.capture import Capture, View, evenly_spread
+from gaussray.capture.capture import Capture, View
 from gaussray.capture.picture_file import picture_size, read_levels
+from gaussray.capture.spread import evenly_spread
 from gaussray.dataset.images import contact_sheet, side_by_side, srgb_levels, write_image
 from gaussray.dataset.video import write_video
 from gaussray.evaluate.flicker import Flicker

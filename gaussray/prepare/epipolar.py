@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
+from gaussray.capture.spread import evenly_spread
 from gaussray.geometry import epipolar_angle
 from gaussray.prepare.poses import Placement
 from gaussray.prepare.sparse_model import pixel_rays, project_points
@@ -53,9 +54,7 @@ def epipolar_pairs(placement: Placement, most: int) -> list[EpipolarPair]:
         for name in pair:
             partners[name] = max(partners.get(name, (0, pair)), (len(rows), pair))
     chosen = list(dict.fromkeys(pair for _, pair in partners.values()))
-    if len(chosen) > most:
-        chosen = [chosen[i] for i in np.linspace(0, len(chosen) - 1, most).round().astype(int)]
-    return [_pair(placement, first, second, index) for first, second in chosen]
+    return [_pair(placement, first, second, index) for first, second in evenly_spread(chosen, most)]
 
 
 def epipolar_distance(
@@ -87,13 +86,13 @@ def epipolar_distance(
 def _pair(placement: Placement, first: str, second: str, index: dict[str, int]) -> EpipolarPair:
     distance = epipolar_distance(placement, first, second, index)
     rows = placement.matches[first, second]
-    one, two = placement.keypoints[first], placement.keypoints[second]
-    chosen = _spread(one.xy[rows[:, 0]], LINES)
+    left, right = placement.keypoints[first], placement.keypoints[second]
+    chosen = _spread(left.xy[rows[:, 0]], LINES)
     points, lines = [], []
     for k in chosen:
         i, j = rows[k]
-        points.append((one.xy[i], two.xy[j], int(one.instant[i])))
-        lines.append(_line(placement, index[first], index[second], one.xy[i]))
+        points.append((left.xy[i], right.xy[j], int(left.instant[i])))
+        lines.append(_line(placement, index[first], index[second], left.xy[i]))
     finite = distance[np.isfinite(distance)]
     median = float(np.median(finite)) if len(finite) else float("nan")
     return EpipolarPair(first, second, len(rows), median, points, lines)

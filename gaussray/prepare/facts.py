@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from gaussray.prepare.epipolar import EpipolarPair
-from gaussray.prepare.findings import camera_lenses, picture_errors, picture_name
 from gaussray.prepare.lens_check import corner_distortion
 from gaussray.prepare.lens_models import lens_fov
+from gaussray.prepare.placed_cameras import camera_lenses, picture_errors, picture_name
 from gaussray.prepare.poses import Placement
 from gaussray.prepare.sources import Source
 from gaussray.prepare.sync import Sync
@@ -93,8 +93,8 @@ def _pair(
         shot = placement.pictures[name]
         instant = common if shot.camera in placement.still else shot.instant
         path = files[shot.camera][instant].relative_to(out).as_posix()
-        one = len(files[shot.camera]) == 1 or shot.camera in placement.still
-        label = shot.camera if one else picture_name(shot, placement)
+        alone = len(files[shot.camera]) == 1 or shot.camera in placement.still
+        label = shot.camera if alone else picture_name(shot, placement)
         return {"label": label, "file": path}
 
     size = placement.model.lenses[placement.model.pictures.index(pair.second)]

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from gaussray.capture.spread import spread_indices
 from gaussray.prepare.colmap import pycolmap
 from gaussray.prepare.options import PosesOptions
 
@@ -87,7 +88,7 @@ def _some_pictures(reconstruction: Any) -> Any:
     """A copy with at most `_ASKED` pictures, spread over the order of their names."""
     few = copy.deepcopy(reconstruction)
     images = sorted(map(few.image, few.reg_image_ids()), key=lambda image: image.name)
-    kept = np.linspace(0, len(images) - 1, min(_ASKED, len(images))).round().astype(int)
+    kept = spread_indices(len(images), _ASKED)
     for k in set(range(len(images))) - set(kept.tolist()):
         few.deregister_frame(images[k].frame_id)
     return few

@@ -89,8 +89,8 @@ def _dark_share(lens: LensKeyValues) -> float:
     return float(_dark(lens, (np.arange(32) + 0.5) / 32).mean())
 
 
-def _dark(lens: LensKeyValues, place: Float[np.ndarray, " places"]) -> Bool[np.ndarray, " pixels"]:
-    """Which pixels have no viewing direction, at places between 0 and 1 across and down."""
-    columns, rows = (np.clip(lens[key] * place, 0.5, lens[key] - 0.5) for key in ("w", "h"))
+def _dark(lens: LensKeyValues, share: Float[np.ndarray, " shares"]) -> Bool[np.ndarray, " pixels"]:
+    """Which pixels have no viewing direction, at shares of the width and of the height."""
+    columns, rows = (np.clip(lens[key] * share, 0.5, lens[key] - 0.5) for key in ("w", "h"))
     pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
     return np.any(np.isnan(pixel_rays(lens, pixels)), axis=1)

@@ -95,16 +95,16 @@ def estimate_poses(
     return dataclasses.replace(sparse_model_of(settled), focal_source=source)
 
 
-def _better(one: Any, other: Any, total: int) -> Any:
+def _better(first: Any, other: Any, total: int) -> Any:
     """That of two reconstructions which is not poor, or has more pictures; the second of equal
     ones. Either may be None."""
-    if one is None or other is None:
-        return other if one is None else one
+    if first is None or other is None:
+        return other if first is None else first
 
     def worth(found: Any) -> tuple[bool, int]:
         return not _is_poor(found, total), found.num_reg_images()
 
-    return one if worth(one) > worth(other) else other
+    return first if worth(first) > worth(other) else other
 
 
 def _is_poor(reconstruction: Any, total: int) -> bool:

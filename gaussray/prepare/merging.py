@@ -89,8 +89,8 @@ def merged_database(
     colmap = pycolmap()
     files: dict[str, list[str]] = {}
     for picture in pictures:
-        one = picture.camera if picture.camera in still else picture.file
-        files.setdefault(one, []).append(picture.file)
+        owner = picture.camera if picture.camera in still else picture.file
+        files.setdefault(owner, []).append(picture.file)
     new_index: dict[str, tuple[str, np.ndarray]] = {}
     merged: dict[str, Keypoints] = {}
     for names in files.values():

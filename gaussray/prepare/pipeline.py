@@ -7,7 +7,7 @@ from typing import Any
 
 from gaussray.capture.formats.transforms import PINHOLE_FILE, POINT_FILES
 from gaussray.io.atomic import write_json
-from gaussray.prepare import document, findings
+from gaussray.prepare import document
 from gaussray.prepare.calibrations.assign import assign_cameras, stills_by_camera
 from gaussray.prepare.calibrations.known_camera import KnownCamera
 from gaussray.prepare.calibrations.read import read_calibration
@@ -16,7 +16,13 @@ from gaussray.prepare.epipolar import epipolar_pairs
 from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.exposure import exposure_gains, observed_levels, point_levels
 from gaussray.prepare.facts import facts_of
-from gaussray.prepare.findings import Finding
+from gaussray.prepare.findings.cameras import camera_findings
+from gaussray.prepare.findings.clocks import sync_findings
+from gaussray.prepare.findings.epipolar_lines import epipolar_findings
+from gaussray.prepare.findings.exposures import exposure_findings
+from gaussray.prepare.findings.finding import Finding
+from gaussray.prepare.findings.lenses import lens_findings
+from gaussray.prepare.findings.points import point_findings
 from gaussray.prepare.masks import copy_masks
 from gaussray.prepare.media import copy_media
 from gaussray.prepare.options import PrepareOptions
@@ -72,7 +78,7 @@ def prepare_capture(
         files = {name: own[:: placement.stride] for name, own in files.items()}
         placement, strays = without_strays(placement, files)
         # All timestamps tell how well the clocks agree.
-        clocks = findings.sync_findings(sources, sync, timeline, options.sync)
+        clocks = sync_findings(sources, sync, timeline, options.sync)
         timeline = thinned_timeline(timeline, placement.stride)
         remarks = [*remarks, *strays, *clocks]
         return _checked(sources, sync, timeline, files, placement, remarks, out, options)
@@ -80,8 +86,10 @@ def prepare_capture(
 
 def refusal(facts: dict[str, Any]) -> str:
     """The message about the findings that rule a capture out; empty if none does."""
-    bad = [one for one in facts["findings"] if one["level"] == "refuse"]
-    return " ".join(f"{one['subject']}: {one['text']}. {one['remedy']}" for one in bad)
+    bad = [finding for finding in facts["findings"] if finding["level"] == "refuse"]
+    return " ".join(
+        f"{finding['subject']}: {finding['text']}. {finding['remedy']}" for finding in bad
+    )
 
 
 def _calibrated(
@@ -112,13 +120,13 @@ def _checked(
     pairs = epipolar_pairs(placement, _PAIRS)
     gains = exposure_gains(placement, levels)
     found = [*remarks]
-    found += findings.camera_findings(placement)
-    found += findings.lens_findings(placement) if placement.model.pictures else []
-    found += findings.point_findings(placement)
-    found += findings.epipolar_findings(placement, pairs)
-    found += findings.exposure_findings(gains)
+    found += camera_findings(placement)
+    found += lens_findings(placement) if placement.model.pictures else []
+    found += point_findings(placement)
+    found += epipolar_findings(placement, pairs)
+    found += exposure_findings(gains)
     facts = facts_of(sources, sync, timeline, files, placement, pairs, gains, out)
-    facts["findings"] = [one._asdict() for one in found]
+    facts["findings"] = [finding._asdict() for finding in found]
     write_json(out / FACTS_FILE, facts)
     if message := refusal(facts):
         (out / PINHOLE_FILE).unlink(missing_ok=True)

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Int
 
 from gaussray.capture.mask_folder import MASK_FOLDER
+from gaussray.capture.spread import evenly_spread
 from gaussray.prepare import features, merging
 from gaussray.prepare.calibrations.known_camera import KnownCamera
 from gaussray.prepare.errors import PrepareError
@@ -111,11 +112,11 @@ def find_poses(
 
 
 def _tell_stride(timeline: Timeline, moving: Sequence[str], stride: int) -> None:
-    total, one = len(timeline.times), len(moving) == 1
+    total, alone = len(timeline.times), len(moving) == 1
     names = ", ".join(moving[:_NAMED]) + (" ..." if len(moving) > _NAMED else "")
     say(
-        f"{names}: the camera{'s' * (not one)} move{'s' * one}, and every picture needs a pose of "
-        f"its own: {-(-total // stride)} of {total} timestamps are used. "
+        f"{names}: the camera{'s' * (not alone)} move{'s' * alone}, and every picture needs a pose "
+        f"of its own: {-(-total // stride)} of {total} timestamps are used. "
         f"frames.rate={timeline.rate:.6g} takes them all."
     )
 
@@ -145,7 +146,7 @@ def _write_pictures(
     """Pictures for COLMAP, of cameras that stand still a few timestamps spread over the capture.
     Folders have numbers for names, because a list of pairs has spaces."""
     last = len(timeline.times) - 1
-    few = sorted({round(x) for x in np.linspace(0, last, min(options.frames.instants, last + 1))})
+    few = evenly_spread(range(last + 1), options.frames.instants)
     pictures = []
     for k, source in enumerate(sources):
         chosen = few if source.name in still else range(last + 1)
@@ -153,12 +154,12 @@ def _write_pictures(
         sizes = [source.size(frame) for frame in frames]
         names = write_matching_pictures(files[source.name], chosen, work / f"{k:03d}", sizes)
         if options.poses.masks:
-            place = work / MASK_FOLDER / f"{k:03d}"
-            write_matching_masks(files[source.name], chosen, place, names, sizes)
+            mask_folder = work / MASK_FOLDER / f"{k:03d}"
+            write_matching_masks(files[source.name], chosen, mask_folder, names, sizes)
         for name, i, frame, size in zip(names, chosen, frames, sizes, strict=True):
             photograph = "" if source.is_video else source.pictures[frame].name
-            one = MatchingPicture(f"{k:03d}/{name}", source.name, i, size, photograph)
-            pictures.append(one)
+            picture = MatchingPicture(f"{k:03d}/{name}", source.name, i, size, photograph)
+            pictures.append(picture)
     return pictures
 
 
@@ -214,8 +215,8 @@ def _still_cameras(
             if (rows := matches.get((a, b))) is not None and len(rows) >= _TELLING
         ]
         shares[name] = min(found, default=None)
-    told = [share for share in shares.values() if share is not None]
-    most = bool(told) and 2 * sum(share >= _STILL for share in told) >= len(told)
+    known = [share for share in shares.values() if share is not None]
+    most = bool(known) and 2 * sum(share >= _STILL for share in known) >= len(known)
 
     def stands_still(share: float | None) -> bool:
         return most if share is None or _MOVING < share < _STILL else share >= _STILL

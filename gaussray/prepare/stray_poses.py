@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool
 
-from gaussray.prepare.findings import Finding
+from gaussray.prepare.findings.finding import Finding
 from gaussray.prepare.poses import Placement
 from gaussray.prepare.sparse_model import camera_centres, kept_pictures, observations_by_picture
 
@@ -46,8 +46,8 @@ def without_strays(
     ):
         names = [
             files[picture.camera][picture.instant].name if moves else picture.camera
-            for picture, moves, one in zip(pictures, moving, wrong, strict=True)
-            if one
+            for picture, moves, stray in zip(pictures, moving, wrong, strict=True)
+            if stray
         ]
         if names:
             reasons.append(f"{', '.join(names[:8])}{' ...' * (len(names) > 8)} ({reason})")

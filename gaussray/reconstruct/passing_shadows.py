@@ -29,14 +29,16 @@ def passing_shadows(session: Session, static: Unconstrained) -> Shading | None:
         static: the static Gaussians.
     """
     fit = session.options.fit
-    told = fit.deforms and not fit.transient and session.has_videos and not session.at_rest
-    if not (fit.shading and told) or len(session.times) < 2:
+    motion_is_measured = (
+        fit.deforms and not fit.transient and session.has_videos and not session.at_rest
+    )
+    if not (fit.shading and motion_is_measured) or len(session.times) < 2:
         return None
 
     def found(position: Float[np.ndarray, "points 3"]) -> Shading | None:
-        some = thinned(len(position), count=_MOST, seed=fit.seed)
+        chosen = thinned(len(position), count=_MOST, seed=fit.seed)
         report = session.progress_report("shadows", patience=2.0)
-        return measured_shading(session.footage, position[some], report=report)
+        return measured_shading(session.footage, position[chosen], report=report)
 
     if session.is_continuation:
         return found(_in_the_room(np.asarray(static.mean)[occupied(static)]))
@@ -46,10 +48,10 @@ def passing_shadows(session: Session, static: Unconstrained) -> Shading | None:
     return session.shared.once(("shading", *session.points_key), lambda: found(points.position))
 
 
-def _in_the_room(place: Float[np.ndarray, "places 3"]) -> Float[np.ndarray, "inner 3"]:
+def _in_the_room(position: Float[np.ndarray, "places 3"]) -> Float[np.ndarray, "inner 3"]:
     """The places without those that stand around the others."""
-    if not len(place):
-        return place
-    lower, upper = np.quantile(place, (_AROUND, 1 - _AROUND), axis=0)
+    if not len(position):
+        return position
+    lower, upper = np.quantile(position, (_AROUND, 1 - _AROUND), axis=0)
     margin = _MARGIN * (upper - lower)
-    return place[np.all((place >= lower - margin) & (place <= upper + margin), axis=1)]
+    return position[np.all((position >= lower - margin) & (position <= upper + margin), axis=1)]

@@ -164,14 +164,14 @@ class Session:
     @cached_property
     def initial_points(self) -> InitialPoints:
         """The points on which the first Gaussians of the capture stand."""
-        report, seen, window = self.progress_report("stereo"), self.footage, self.loader.window
+        seen, window = self.footage, self.loader.window
         if self.at_rest and window is not None:
             # At other times, things are elsewhere.
             times = self.times[window.among(self.times, "coarse", 0, 0)]
             seen = seen.part(np.flatnonzero(np.isin(seen.times, times)))
         return self.shared.once(
             ("points", *self.points_key),
-            lambda: initial_points(self.capture, seen, self.options.fit, report),
+            lambda: initial_points(self.capture, seen, self.options.fit, self.progress_report),
         )
 
     @property

@@ -115,13 +115,13 @@ def may_move(
         position: places of the Gaussians.
         on_surfaces: whether they lie on surfaces.
     """
-    told = on_surfaces and session.has_videos and not session.at_rest
+    measured = on_surfaces and session.has_videos and not session.at_rest
     deforms = session.options.fit.deforms and not session.still_first
-    if len(session.times) == 1 or not (deforms or (told and not session.is_continuation)):
+    if len(session.times) == 1 or not (deforms or (measured and not session.is_continuation)):
         return np.zeros(len(position), bool)
     changing = point_activity(session.footage, position) > session.options.fit.moving_threshold
     moves = np.array(from_primary(changing))
-    if not told:
+    if not measured:
         moves[:] = True
     return moves
 

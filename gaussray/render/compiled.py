@@ -248,10 +248,10 @@ def apply_weight(pixels: Pixels, weight: Float[Array, "*rays"]) -> Pixels:
 
 def _unweight(pixels: Pixels, weight: Array) -> Pixels:
     """Divide means of weight x value by the mean weight, except colours: lost light stays dark."""
-    some = weight > 0
-    whole = jnp.where(some, weight, 1)
+    weighs = weight > 0
+    whole = jnp.where(weighs, weight, 1)
     mean = jax.tree.map(lambda x: x / _broadcast_weight(whole, x), pixels)
-    clear = jnp.where(some, mean.transmittance, 1)
+    clear = jnp.where(weighs, mean.transmittance, 1)
     return dataclasses.replace(mean, color=pixels.color, transmittance=clear)
 
 

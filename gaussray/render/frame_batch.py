@@ -39,13 +39,13 @@ class TracedPart(NamedTuple):
 
     Args:
         top: its first row.
-        place: the part on the devices.
+        placed: the part on the devices.
         values: values of its pixels.
         report: the trace's report.
     """
 
     top: int
-    place: PlacedPart
+    placed: PlacedPart
     values: Array
     report: Report
 
@@ -95,18 +95,18 @@ class FrameBatch:
         return any(np.asarray(part.report.dropped).any() for part in self.parts)
 
 
-def fetch_pictures(values: Array, place: PlacedPart, count: int) -> list[np.ndarray]:
+def fetch_pictures(values: Array, placed: PlacedPart, count: int) -> list[np.ndarray]:
     """Fetch the frames of a batch, one from each device, without a further copy.
 
     Args:
         values: values on the devices.
-        place: the part on the devices.
+        placed: the part on the devices.
         count: number of frames.
     """
     if values.ndim == 2:
         return [np.asarray(values)]
-    if place.slots is not None:
-        return [np.asarray(values).reshape(-1, values.shape[-1])[place.slots]]
+    if placed.slots is not None:
+        return [np.asarray(values).reshape(-1, values.shape[-1])[placed.slots]]
     return [np.asarray(picture) for picture in _of_each_device(values, count)]
 
 
@@ -122,7 +122,7 @@ def develop_frames(batch: FrameBatch, develop: Sequence[Callable[[Array], Any]])
     """
     part, *further = batch.parts
     values, one_device = part.values, len(part.values.devices()) == 1
-    if further or part.place.slots is not None or (values.ndim == 2 and not one_device):
+    if further or part.placed.slots is not None or (values.ndim == 2 and not one_device):
         return []
     frames = [values] if one_device else _of_each_device(values, len(batch.views))
     return [function(frame) for function, frame in zip(develop, frames, strict=True)]

@@ -1,11 +1,11 @@
-"""Sizes of the tracer's lists for pictures that are rendered in stages: powers of two, so that few
-sets of programs serve all cameras."""
+"""Sizes of the tracer's lists for a picture's programs: powers of two for those in stages, so that
+few sets of programs serve all cameras."""
 
 from jax.typing import DTypeLike
 
 from gaussray.render.parts import Part
 from gaussray.scene.scene import Scene
-from gaussray.tracer.measure import enlarged_capacity
+from gaussray.tracer.measure import HEADROOM, enlarged_capacity
 from gaussray.tracer.options import TraceOptions, grid_levels
 from gaussray.tracer.traverse import Capacity
 
@@ -15,7 +15,7 @@ NO_LISTS = Capacity((), 0, 0)
 
 
 def default_capacity(part: Part, trace: TraceOptions, scene: Scene, dtype: DTypeLike) -> Capacity:
-    """List sizes to start from.
+    """List sizes to start from in stages.
 
     Args:
         part: the pixels, with a leading axis of devices.
@@ -30,13 +30,18 @@ def default_capacity(part: Part, trace: TraceOptions, scene: Scene, dtype: DType
     return round_capacity(Capacity(cells, 512 * bundles, 1024, alive))
 
 
-def enlarge_staged_capacity(capacity: Capacity, needed: list[int]) -> Capacity:
-    """Enlarge list sizes; they are powers of two, so that few sets of programs serve all cameras.
+def enlarge_program_capacity(
+    capacity: Capacity, needed: list[int], *, staged: bool, headroom: float = HEADROOM
+) -> Capacity:
+    """Enlarge list sizes that are too short for a picture.
 
     Args:
         capacity, needed: the sizes, and those that a trace needs (`Report.needed`).
+        staged: whether the picture is rendered in stages, for which sizes are powers of two.
+        headroom: factor of the needed sizes, for other frames.
     """
-    return round_capacity(enlarged_capacity(capacity, needed))
+    enlarged = enlarged_capacity(capacity, needed, headroom=headroom)
+    return round_capacity(enlarged) if staged else enlarged
 
 
 def round_capacity(capacity: Capacity) -> Capacity:

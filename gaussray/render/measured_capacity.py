@@ -9,7 +9,7 @@ from jax.typing import DTypeLike
 from gaussray.camera.camera import Camera
 from gaussray.render.camera_layout import CameraLayout
 from gaussray.render.compiled import ProgramSettings, prepare_trace
-from gaussray.render.list_sizes import NO_LISTS, default_capacity, enlarge_staged_capacity
+from gaussray.render.list_sizes import NO_LISTS, default_capacity, enlarge_program_capacity
 from gaussray.render.parts import Part
 from gaussray.render.picture_programs import StageArguments, measure_staged
 from gaussray.scene.scene import Scene
@@ -59,4 +59,5 @@ def staged_capacity(
     scene = jax.tree.unflatten(structure, leaves)
     least = default_capacity(part, settings.trace, scene, dtype)
     settings = dataclasses.replace(settings, capacity=least)
-    return enlarge_staged_capacity(least, measure_staged(structure, layout, settings, arguments))
+    needed = measure_staged(structure, layout, settings, arguments)
+    return enlarge_program_capacity(least, needed, staged=True)

@@ -22,7 +22,7 @@ from gaussray.camera.rays import Rays
 from gaussray.render.camera_layout import CameraLayout
 from gaussray.render.compiled import ProgramSettings, apply_weight, merge_reports, picture_values
 from gaussray.render.frame_times import even_key_times, frame_span, key_times
-from gaussray.render.list_sizes import enlarge_staged_capacity
+from gaussray.render.list_sizes import enlarge_program_capacity
 from gaussray.render.options import RenderOptions
 from gaussray.render.parts import Part
 from gaussray.render.samples import sample_points, sample_rays
@@ -118,7 +118,7 @@ def measure_staged(
         needed = [int(n) for n in needed.reshape(-1, needed.shape[-1]).max(axis=0)]
         if not np.asarray(lists.dropped).any():
             return needed
-        capacity = enlarge_staged_capacity(settings.capacity, needed)
+        capacity = enlarge_program_capacity(settings.capacity, needed, staged=True)
         settings = dataclasses.replace(settings, capacity=capacity)
 
 

@@ -37,7 +37,7 @@ from gaussray.render.frame_batch import (
     develop_frames,
     fetch_pictures,
 )
-from gaussray.render.list_sizes import NO_LISTS, enlarge_staged_capacity
+from gaussray.render.list_sizes import NO_LISTS, enlarge_program_capacity
 from gaussray.render.measured_capacity import single_program_capacity, staged_capacity
 from gaussray.render.options import RenderOptions
 from gaussray.render.parts import (
@@ -54,7 +54,6 @@ from gaussray.render.views import FrameView, FrameViews, mark_single_batch
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import SCENE_RULE, Clip, segment_edges, segments_of
 from gaussray.scene.spare_rows import with_spare_rows
-from gaussray.tracer.measure import enlarged_capacity
 from gaussray.tracer.options import TraceOptions
 from gaussray.tracer.shard import mesh as device_mesh
 from gaussray.tracer.trace import Report
@@ -219,19 +218,19 @@ class Renderer:
     def _launch(self, batch: FrameBatch, top: int) -> tuple[PlacedPart, Array, Report]:
         """A part with its values and report, under way."""
         key = batch.capacity_key
-        place = self._part(top, batch)
+        placed = self._part(top, batch)
         if key not in self._capacity:
-            self._capacity[key] = self._measure(batch, place.part, place.trace)
-        settings = self._settings(batch, place.trace, self._capacity[key])
+            self._capacity[key] = self._measure(batch, placed.part, placed.trace)
+        settings = self._settings(batch, placed.trace, self._capacity[key])
         batch.compiled |= (key, settings.capacity) not in self._compiled
         self._compiled.add((key, settings.capacity))
         layout = batch.views[0].layout
         leaves, structure = self._flat[batch.views[0].segment]
         rows = self._rows(batch)
         if self._staged:
-            return place, *render_staged(structure, layout, settings, (leaves, rows, place.part))
+            return placed, *render_staged(structure, layout, settings, (leaves, rows, placed.part))
         program = render_part if batch.split_frame else render_frames
-        return place, *program(structure, layout, settings)(leaves, rows, place.part)
+        return placed, *program(structure, layout, settings)(leaves, rows, placed.part)
 
     def _settings(
         self, batch: FrameBatch, trace: TraceOptions, capacity: Capacity
@@ -250,14 +249,16 @@ class Renderer:
         """The frames of a batch; parts whose lists were too short are rendered again."""
         film, hits, count = batch.film, 0, len(batch.views)
         pieces = []
-        for top, place, values, report in batch.parts:
+        for top, placed, values, report in batch.parts:
             while np.asarray(report.dropped).any():
                 needed, key = report.largest_needed(), batch.capacity_key
                 with self._enlarging:
-                    self._capacity[key] = self._enlarged(self._capacity[key], needed)
+                    self._capacity[key] = enlarge_program_capacity(
+                        self._capacity[key], needed, staged=self._staged
+                    )
                     _, values, report = self._launch(batch, top)
             pictures = [
-                x.reshape(batch.rows, film.width, 5) for x in fetch_pictures(values, place, count)
+                x.reshape(batch.rows, film.width, 5) for x in fetch_pictures(values, placed, count)
             ]
             pieces.append((top, pictures))
             hits += int(np.asarray(report.hits).sum())
@@ -286,10 +287,10 @@ class Renderer:
         key = (*size, batch.keys == 0, trace.levels, batch.split_frame)
         if key not in self._parts:
             self._parts[key] = self._make_part(top, batch)
-        place, view = self._parts[key], batch.views[0]
+        placed, view = self._parts[key], batch.views[0]
         number = None if view.number is None else to_device(view.number, jnp.int32)
         share, number = self._by_device((view.share, number))
-        return place._replace(part=replace(place.part, share=share, batch=number))
+        return placed._replace(part=replace(placed.part, share=share, batch=number))
 
     def _make_part(self, top: int, batch: FrameBatch) -> PlacedPart:
         film, trace, slots = batch.film, batch.trace, None
@@ -335,9 +336,3 @@ class Renderer:
         scene, part = self._padded[view.segment], jax.device_get(part)
         capacity = single_program_capacity(scene, view.camera, part, settings=settings)
         return capacity_of_device(capacity, self.mesh.size if batch.split_frame else 1)
-
-    def _enlarged(self, capacity: Capacity, needed: list[int]) -> Capacity:
-        """Sizes with room for what is needed."""
-        if self._staged:
-            return enlarge_staged_capacity(capacity, needed)
-        return enlarged_capacity(capacity, needed)

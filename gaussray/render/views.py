@@ -68,8 +68,8 @@ class FrameViews:
             number: the batch of samples; None is `sobol_samples`.
         """
         cameras = iter(cameras)
-        while some := list(itertools.islice(cameras, _FETCHED)):
-            for camera in jax.device_get(some):
+        while fetched := list(itertools.islice(cameras, _FETCHED)):
+            for camera in jax.device_get(fetched):
                 row, layout = pack_camera(camera)
                 segments = segment_rays(camera, self.edges, self.options.samples, number)
                 for segment, share in segments:

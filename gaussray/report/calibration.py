@@ -48,7 +48,10 @@ def level_table(report: dict[str, Any]) -> Section | None:
     levels = report["levels"]
     if not levels:
         return None
-    rows = [(f"1/{one['pixels']}", str(one["steps"]), f"{one['deviation']:.3f}") for one in levels]
+    rows = [
+        (f"1/{level['pixels']}", str(level["steps"]), f"{level['deviation']:.3f}")
+        for level in levels
+    ]
     heads = "picture size", "steps", "residual"
     words = "Residual: standard deviation of rendered minus recorded sRGB values, in 8-bit levels."
     return Section("From coarse to fine", [html_table(heads, rows), note(words)])

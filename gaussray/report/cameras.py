@@ -9,9 +9,10 @@ import numpy as np
 
 from gaussray.camera.camera import Camera
 from gaussray.camera.shutter import time_window
-from gaussray.capture.capture import Capture, View, evenly_spread
+from gaussray.capture.capture import Capture, View
 from gaussray.capture.frames import read_encoded
 from gaussray.capture.picture_file import read_stored
+from gaussray.capture.spread import evenly_spread
 from gaussray.dataset.images import srgb_levels
 from gaussray.evaluate.metrics import psnr
 from gaussray.render.options import RenderOptions

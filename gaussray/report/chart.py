@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gaussray.capture.spread import spread_indices
 from gaussray.report.markup import Markup, tag
 
 
@@ -100,10 +101,8 @@ def _finite(curve: Curve, log: bool) -> Curve:
         y = np.log10(y) if log else y
     finite = np.isfinite(x) & np.isfinite(y)
     x, y = x[finite], y[finite]
-    if len(x) > MAX_CURVE_POINTS:
-        subset = np.linspace(0, len(x) - 1, MAX_CURVE_POINTS).round().astype(int)
-        x, y = x[subset], y[subset]
-    return Curve(curve.name, x, y)
+    subset = spread_indices(len(x), MAX_CURVE_POINTS)
+    return Curve(curve.name, x[subset], y[subset])
 
 
 def _span(values: np.ndarray, margin: float) -> tuple[float, float]:

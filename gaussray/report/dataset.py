@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from gaussray.capture.capture import evenly_spread
+from gaussray.capture.spread import evenly_spread
 from gaussray.report.cameras import screen_levels
 from gaussray.report.chart import Curve, chart
 from gaussray.report.markup import Markup, tag

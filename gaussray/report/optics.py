@@ -80,17 +80,17 @@ def ray_drawing(title: str, camera: Camera) -> Markup:
     origin, direction = drawn_rays(camera, columns, lens)
     begin, end = origin[..., [0, 2]], (origin + length * direction)[..., [0, 2]]
     corners = np.concatenate([begin.reshape(-1, 2), end.reshape(-1, 2), [[0, 0]]])
-    place = _fit_to_drawing(corners, _HEIGHT - 30)
+    on_drawing = _fit_to_drawing(corners, _HEIGHT - 30)
     parts = []
     for a, b in zip(begin.reshape(-1, 2), end.reshape(-1, 2), strict=True):
-        (x, y), (u, v) = place(a), place(b)
+        (x, y), (u, v) = on_drawing(a), on_drawing(b)
         path = f"M{x:.1f} {y:.1f}L{u:.1f} {v:.1f}"
         parts.append(tag("path", d=path, stroke="var(--c0)", stroke_width=1, opacity=0.75))
     if blurs:
         sharp = _focus_surface(camera, focus)
-        path = "M" + "L".join("{:.1f} {:.1f}".format(*place(x)) for x in sharp)
+        path = "M" + "L".join("{:.1f} {:.1f}".format(*on_drawing(x)) for x in sharp)
         parts.append(tag("path", d=path, class_="border"))
-    x, y = place(np.zeros(2))
+    x, y = on_drawing(np.zeros(2))
     parts.append(tag("circle", cx=round(x, 1), cy=round(y, 1), r=3, fill="var(--c1)"))
     name = lens_name(camera.lens)
     wide, high = field_of_view(camera)
@@ -113,14 +113,15 @@ def aperture_drawing(title: str, camera: Camera) -> Markup:
         "middle": ((film.width / 2, film.height / 2), 0.0),
         "corner": ((0.03 * film.width, 0.03 * film.height), 2.6 * radius),
     }
-    parts, place = [], _fit_to_drawing(np.array([[-1.2, -1.4], [3.8, 1.4]]) * radius, _HEIGHT - 20)
+    corners = np.array([[-1.2, -1.4], [3.8, 1.4]]) * radius
+    parts, on_drawing = [], _fit_to_drawing(corners, _HEIGHT - 20)
     for ink, (name, (pixel, aside)) in enumerate(spots.items()):
         places = np.asarray(pixel, np.float32), u.astype(np.float32)
         dots = np.asarray(_passed(_at_one_instant(camera), *places))[:, :2]
         dots = dots[np.isfinite(dots).all(axis=1)] * (1, -1) + (aside, 0)
-        path = "".join("M{:.1f} {:.1f}h0".format(*place(x)) for x in dots)
+        path = "".join("M{:.1f} {:.1f}h0".format(*on_drawing(x)) for x in dots)
         parts.append(tag("path", d=path, class_="dots", stroke=f"var(--c{ink})", stroke_width=2))
-        x, y = place(np.array([aside, -1.25 * radius]))
+        x, y = on_drawing(np.array([aside, -1.25 * radius]))
         parts.append(tag("text", name, x=round(x, 1), y=round(y + 8, 1), text_anchor="middle"))
     blades = camera.aperture.blades
     caption = f"{blades} blades" if blades >= 3 else "round"
@@ -149,12 +150,12 @@ def shutter_drawing(title: str, camera: Camera, unit: str) -> Markup:
     def y(row: float) -> float:
         return top + row / max(rows, 1) * (bottom - top)
 
-    some = np.unique(np.linspace(0, rows - 1, min(rows, 160)).astype(int))
-    tall = max((bottom - top) / len(some), 0.8)
+    drawn_rows = np.unique(np.linspace(0, rows - 1, min(rows, 160)).astype(int))
+    tall = max((bottom - top) / len(drawn_rows), 0.8)
     wide = max(exposure / span * (_WIDTH - 64), 2)
     bars = "".join(
         f"M{x(float(moments[i] - half)):.1f} {y(float(i)):.1f}h{wide:.1f}v{tall:.2f}h{-wide:.1f}z"
-        for i in some
+        for i in drawn_rows
     )
     word = "column" if camera.shutter.direction in SIDEWAYS else "row"
     parts = [
@@ -207,8 +208,8 @@ def drawn_rays(
 
 
 def _trace(camera, pixel, u):
-    def one(place, number):
-        return thin_lens(camera.aperture, camera.lens.direction(place), number)
+    def one(xy, number):
+        return thin_lens(camera.aperture, camera.lens.direction(xy), number)
 
     return jax.vmap(jax.vmap(one, (None, 0)), (0, None))(pixel, u)
 
@@ -237,11 +238,11 @@ def _fit_to_drawing(points: np.ndarray, tall: float):
     scale = min((_WIDTH - 30) / size[0], tall / size[1])
     middle, center = (low + high) / 2, np.array([_WIDTH / 2, 10 + tall / 2])
 
-    def place(point: np.ndarray) -> np.ndarray:
+    def on_drawing(point: np.ndarray) -> np.ndarray:
         x, y = (np.asarray(point) - middle) * scale
         return np.array([center[0] + x, center[1] - y])
 
-    return place
+    return on_drawing
 
 
 def _figure(title: str, parts: list[Markup], caption: str) -> Markup:

@@ -56,9 +56,9 @@ def error_map(truth: np.ndarray, image: np.ndarray) -> UInt8[np.ndarray, "h w 3"
             FULL levels or more is light yellow.
     """
     difference = np.abs(truth.astype(np.float32) - image.astype(np.float32)).mean(axis=2)
-    place = np.clip(difference / FULL, 0, 1) * (len(HEAT) - 1)
+    level = np.clip(difference / FULL, 0, 1) * (len(HEAT) - 1)
     knots = np.arange(len(HEAT))
-    channels = [np.interp(place, knots, [c[i] for c in HEAT]) for i in range(3)]
+    channels = [np.interp(level, knots, [c[i] for c in HEAT]) for i in range(3)]
     return np.stack(channels, axis=-1).round().astype(np.uint8)
 
 

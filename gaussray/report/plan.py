@@ -67,8 +67,8 @@ def camera_views(
 
 def _pose(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     """Position and axes (columns right, down, forward) at the frame's time."""
-    turn, place = rotation_and_position(camera)
-    return np.asarray(place, float), np.asarray(turn, float)
+    turn, position = rotation_and_position(camera)
+    return np.asarray(position, float), np.asarray(turn, float)
 
 
 def drawing_axes(turn: Float[np.ndarray, "views 3 3"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -121,23 +121,23 @@ def _drawing(
     )
     middle = np.array([_WIDTH, _HEIGHT]) / 2
 
-    def placed(x: np.ndarray) -> np.ndarray:
+    def on_drawing(x: np.ndarray) -> np.ndarray:
         return (np.asarray(x) @ onto.T - (low + high) / 2) * scale + middle
 
     length = 34.0 / scale
-    parts: list[Any] = _cloud(placed(points), tone)
+    parts: list[Any] = _cloud(on_drawing(points), tone)
     for ink, split in enumerate(splits):
         indices = [i for i, view in enumerate(views) if view.split == split]
         names = dict.fromkeys(views[i].camera_name for i in indices)
         each = max(1, min(FRUSTA_PER_CAMERA, MAX_FRUSTA // max(len(names), 1)))
         for name in list(names)[:MAX_FRUSTA]:
-            some = [i for i in indices if views[i].camera_name == name]
-            parts += _camera_path(name, placed(eye[some]), color(ink))
-            count = each if np.ptp(eye[some], axis=0).max() * scale > 2 else 1
-            for i in {some[k] for k in np.linspace(0, len(some) - 1, count).astype(int)}:
+            own = [i for i in indices if views[i].camera_name == name]
+            parts += _camera_path(name, on_drawing(eye[own]), color(ink))
+            count = each if np.ptp(eye[own], axis=0).max() * scale > 2 else 1
+            for i in {own[k] for k in np.linspace(0, len(own) - 1, count).astype(int)}:
                 rim = edge_directions(views[i].camera)
-                frustum = placed(eye[i] + length * rim @ turn[i].T)
-                parts.append(_frustum(name, placed(eye[i]), frustum, color(ink)))
+                frustum = on_drawing(eye[i] + length * rim @ turn[i].T)
+                parts.append(_frustum(name, on_drawing(eye[i]), frustum, color(ink)))
     parts += _scale_bar(scale)
     drawing = tag("svg", parts, viewBox=f"0 0 {_WIDTH:g} {_HEIGHT:g}", role="img", aria_label=title)
     return tag("figure", tag("h3", title), drawing, class_="panel")
@@ -181,26 +181,26 @@ def _directions_of(lens, pixel):
     return jax.vmap(lens.direction)(pixel)
 
 
-def _cloud(place: np.ndarray, tone: np.ndarray) -> list[Markup]:
+def _cloud(position: np.ndarray, tone: np.ndarray) -> list[Markup]:
     """The Gaussians as dots, one SVG path per colour."""
-    if not len(place):
+    if not len(position):
         return []
-    inside = (place > 0).all(axis=1) & (place < (_WIDTH, _HEIGHT)).all(axis=1)
-    place, tone = place[inside], srgb_encode(tone[inside])
+    inside = (position > 0).all(axis=1) & (position < (_WIDTH, _HEIGHT)).all(axis=1)
+    position, tone = position[inside], srgb_encode(tone[inside])
     code = (np.round(tone * 5) * 51).astype(int)
     parts = []
-    for one in np.unique(code, axis=0):
-        dots = "".join(f"M{x:.1f} {y:.1f}h0" for x, y in place[(code == one).all(axis=1)])
-        ink = f"rgb({one[0]},{one[1]},{one[2]})"
+    for level in np.unique(code, axis=0):
+        dots = "".join(f"M{x:.1f} {y:.1f}h0" for x, y in position[(code == level).all(axis=1)])
+        ink = f"rgb({level[0]},{level[1]},{level[2]})"
         parts.append(tag("path", d=dots, class_="dots", stroke=ink, stroke_width=2.2))
     return parts
 
 
-def _camera_path(name: str, place: np.ndarray, ink: str) -> list[Markup]:
+def _camera_path(name: str, position: np.ndarray, ink: str) -> list[Markup]:
     """The path of a moving camera."""
-    if len(place) < 2 or np.ptp(place, axis=0).max() < 2:
+    if len(position) < 2 or np.ptp(position, axis=0).max() < 2:
         return []
-    path = "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in place)
+    path = "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in position)
     return [tag("path", tag("title", name), d=path, class_="curve", stroke=ink, opacity=0.6)]
 
 

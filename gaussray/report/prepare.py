@@ -3,9 +3,8 @@
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from gaussray.capture.picture_file import read_levels
+from gaussray.capture.spread import evenly_spread
 from gaussray.report.chart import PALETTE
 from gaussray.report.markup import Markup, tag
 from gaussray.report.page import Section, html_table, note, summary_tiles
@@ -21,12 +20,13 @@ _SHOWN = 30
 def prepared_summary(facts: dict[str, Any]) -> Section:
     """Registered pictures, points, timestamps, and how many findings are doubtful."""
     cameras = facts["cameras"].values()
-    registered = sum(one["registered"] for one in cameras)
-    levels = [one["level"] for one in facts["findings"]]
+    registered = sum(camera["registered"] for camera in cameras)
+    total = sum(camera["pictures"] for camera in cameras)
+    levels = [finding["level"] for finding in facts["findings"]]
     rate = f"at {facts['rate']:.4g} per second" if facts["rate"] else "photographs"
     rows = [
         ("cameras", str(len(cameras)), _standing(facts)),
-        ("poses", f"{registered}", f"of {sum(one['pictures'] for one in cameras)} pictures"),
+        ("poses", f"{registered}", f"of {total} pictures"),
         ("points", f"{facts['points']:,}", ""),
         ("timestamps", str(facts["timestamps"]), rate),
         ("doubtful", str(levels.count("warn")), "findings"),
@@ -36,23 +36,24 @@ def prepared_summary(facts: dict[str, Any]) -> Section:
 
 
 def _standing(facts: dict[str, Any]) -> str:
-    still, count = sum(one["still"] for one in facts["cameras"].values()), len(facts["cameras"])
+    cameras = facts["cameras"].values()
+    still, count = sum(camera["still"] for camera in cameras), len(cameras)
     return {0: "moving", count: "still"}.get(still, f"{still} still, {count - still} moving")
 
 
 def finding_list(facts: dict[str, Any]) -> Section:
     """Every finding with its remedy, the worst first."""
     order = list(_MARKS)[::-1]
-    rows = sorted(facts["findings"], key=lambda one: order.index(one["level"]))
+    rows = sorted(facts["findings"], key=lambda finding: order.index(finding["level"]))
     parts = []
-    for one in rows:
-        mark = tag("b", _MARKS[one["level"]], style=f"color:{_COLORS[one['level']]}")
-        text = one["text"]
+    for finding in rows:
+        mark = tag("b", _MARKS[finding["level"]], style=f"color:{_COLORS[finding['level']]}")
+        text = finding["text"]
         if text.split()[0].rstrip(",:") not in facts["cameras"]:
             text = text[:1].upper() + text[1:]
         dot = "" if text.endswith(".") else "."
-        remedy = tag("div", one["remedy"], class_="note") if one["remedy"] else None
-        parts += [tag("dt", mark, f" · {one['subject']}"), tag("dd", text, dot, remedy)]
+        remedy = tag("div", finding["remedy"], class_="note") if finding["remedy"] else None
+        parts += [tag("dt", mark, f" · {finding['subject']}"), tag("dd", text, dot, remedy)]
     return Section("Findings", [tag("dl", parts, class_="facts")])
 
 
@@ -65,17 +66,16 @@ def camera_pictures(out: Path, facts: dict[str, Any]) -> Section:
         out: the capture's folder, with its pictures.
         facts: content of the capture's prepare.json (`prepare.facts.facts_of`).
     """
-    names = list(facts["cameras"])
-    indices = sorted({round(x) for x in np.linspace(0, len(names) - 1, min(len(names), _SHOWN))})
+    names = evenly_spread(list(facts["cameras"]), _SHOWN)
     pictures = []
-    for i in indices:
-        one = facts["cameras"][names[i]]
-        if one["pictures"] > 1:
-            label = f"{names[i]} · {one['registered']} of {one['pictures']} have a pose"
+    for name in names:
+        camera = facts["cameras"][name]
+        if camera["pictures"] > 1:
+            label = f"{name} · {camera['registered']} of {camera['pictures']} have a pose"
         else:
-            label = names[i] if one["registered"] else f"{names[i]} · no pose"
-        levels = read_levels(out / one["picture"], *one["size"])
-        pictures.append(captioned_image(levels, label, most=BYTES // (3 * len(indices))))
+            label = name if camera["registered"] else f"{name} · no pose"
+        levels = read_levels(out / camera["picture"], *camera["size"])
+        pictures.append(captioned_image(levels, label, most=BYTES // (3 * len(names))))
     return Section("Pictures", [tag("div", pictures, class_="grid few")])
 
 
@@ -116,18 +116,26 @@ def epipolar_pictures(out: Path, facts: dict[str, Any]) -> Section | None:
 def camera_measurements(facts: dict[str, Any]) -> Section:
     """A row for each camera: clock, lens, errors, exposure."""
     rows = []
-    for name, one in facts["cameras"].items():
-        lens = one.get("lens")
-        sizes = ", ".join(f"{w} x {h}" for w, h in one["sizes"])
-        row = [name, sizes, str(one["frames"])]
-        row += [f"{one['rate']:.4g}" if one["rate"] else "-", f"{one['offset']:+.4f}"]
-        row += [f"{one['confidence']:.2f}" if facts["sync"] not in ("none", "known") else "-"]
+    for name, camera in facts["cameras"].items():
+        lens = camera.get("lens")
+        sizes = ", ".join(f"{w} x {h}" for w, h in camera["sizes"])
+        row = [name, sizes, str(camera["frames"])]
+        row += [f"{camera['rate']:.4g}" if camera["rate"] else "-", f"{camera['offset']:+.4f}"]
+        row += [f"{camera['confidence']:.2f}" if facts["sync"] not in ("none", "known") else "-"]
         if lens is None:
             rows.append([*row, "no pose", *["-"] * 6])
             continue
-        row += [lens["camera_model"], f"{one['fov']:.1f}", _number(one["corner_distortion"], 100.0)]
-        row += [str(one["observations"]), _number(one["error"][0]), _number(one["error"][1])]
-        gains = one["exposure"] if one["exposure_observations"] else []
+        row += [
+            lens["camera_model"],
+            f"{camera['fov']:.1f}",
+            _number(camera["corner_distortion"], 100.0),
+        ]
+        row += [
+            str(camera["observations"]),
+            _number(camera["error"][0]),
+            _number(camera["error"][1]),
+        ]
+        gains = camera["exposure"] if camera["exposure_observations"] else []
         rows.append([*row, " ".join(f"{x:+.2f}" for x in gains) or "-"])
     heads = (
         *("camera", "size", "frames", "rate", "offset s", "confidence", "lens", "fov"),

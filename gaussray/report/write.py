@@ -75,7 +75,7 @@ def _reconstruct_sections(
 def _evaluate_sections(out: Path, scene: Scene | Clip | None, capture: Capture | None) -> _Sections:
     report = json_document(out / "report.json")
     groups = _groups(capture, list(report["effects"]))
-    views = [view for some in groups.values() for view in some]
+    views = [view for group in groups.values() for view in group]
     return [
         _summary(out),
         evaluation.score_table(report),
@@ -96,7 +96,7 @@ def _render_sections(out: Path, scene: Scene | Clip | None, capture: Capture | N
     # A rendered dataset is read like a capture.
     rendered = read_capture(out)
     groups = _groups(rendered, None)
-    views = [view for some in groups.values() for view in some]
+    views = [view for group in groups.values() for view in group]
     return [
         Section("Summary", [summary_tiles(_picture_counts(groups))]),
         cameras.picture_sequences(out, groups),
@@ -162,11 +162,11 @@ _SECTIONS = {
 
 def _picture_counts(groups: dict[str, list[View]]) -> list[tuple[str, str, str]]:
     """Numbers of pictures and cameras, picture sizes, rays per pixel."""
-    views = [view for some in groups.values() for view in some]
+    views = [view for group in groups.values() for view in group]
     sizes = {f"{view.width} x {view.height}" for view in views}
     tiles = [
-        (name.replace("_", " "), str(len(some)), "picture" if len(some) == 1 else "pictures")
-        for name, some in groups.items()
+        (name.replace("_", " "), str(len(group)), "picture" if len(group) == 1 else "pictures")
+        for name, group in groups.items()
     ]
     names = {view.camera_name for view in views}
     tiles += [("cameras", str(len(names)), ""), ("size", ", ".join(sorted(sizes)), "pixels")]

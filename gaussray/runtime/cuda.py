@@ -12,7 +12,7 @@ import jax
 import numpy as np
 from jaxtyping import Array
 
-from gaussray.runtime.stored_programs import kept_text
+from gaussray.runtime.program_files import kept_text
 
 
 # XLA's own way to launch PTX. An attribute of the call for each thing a launch needs.

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import jax
 
-from gaussray.runtime.stored_programs import keep_machine_code
+from gaussray.runtime.program_files import keep_machine_code
 
 
 # Programs that take this many seconds to compile are kept; loading one takes milliseconds.

@@ -93,13 +93,13 @@ def plain_warnings() -> Iterator[None]:
     """
     counts: dict[str, int] = {}
     last: dict[str, str] = {}
-    told: set[str] = set()
+    shown: set[str] = set()
 
     def show(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
         text = " ".join(str(message).split())
-        if text in told:
+        if text in shown:
             return
-        told.add(text)
+        shown.add(text)
         kind = f"{category.__name__} {_VARIABLE.sub('*', text)}"
         counts[kind] = counts.get(kind, 0) + 1
         last[kind] = text
@@ -141,6 +141,16 @@ class ProgressReport(Protocol):
             total: number of all units, the same in every call.
             note: further words about the work.
         """
+
+
+def no_report(done: int, total: int, note: str = "") -> None:
+    """A `ProgressReport` that shows nothing.
+
+    Args:
+        done: number of finished units.
+        total: number of all units.
+        note: further words about the work.
+    """
 
 
 class Progress:

@@ -6,15 +6,12 @@ which takes longer than to run it. Here the name of a file follows from what a p
 
 import contextlib
 import functools
-import hashlib
-import os
 import pickle
 import time
 from collections.abc import Callable, Hashable
 from concurrent.futures import Future, ThreadPoolExecutor
-from importlib.metadata import version
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, ParamSpec, TypeVar
 
 import equinox as eqx
 import jax
@@ -23,35 +20,21 @@ from jax.sharding import SingleDeviceSharding
 from jax.stages import Compiled, Lowered
 from jax.tree_util import PyTreeDef
 
-from gaussray.io.atomic import atomic_path
-
-
-# Files beyond so many are removed, those written first of all.
-MOST_FILES = 600
-_SUFFIX = ".program"
-# Settings of JAX that change what is compiled.
-_SETTINGS = (
-    "jax_enable_x64",
-    "jax_default_matmul_precision",
-    "jax_disable_most_optimizations",
-    "jax_debug_nans",
-    "jax_default_prng_impl",
+from gaussray.runtime.program_files import (
+    files_are_kept,
+    full_text,
+    is_own,
+    kept_file,
+    write_kept,
 )
-_folders: list[tuple[Path, str]] = []
 
 
-def keep_machine_code(folder: Path, processor: str) -> None:
-    """Keep programs in a folder from now on.
-
-    Args:
-        folder: the folder. Who writes to it can run code in this process.
-        processor: the kind of processor, whose programs another kind does not load.
-    """
-    _folders[:] = [(folder, processor)]
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
 
 
 class KeptProgram:
-    """A compiled function whose machine code is on disk, where `keep_machine_code` says so.
+    """A compiled function whose machine code is on disk, where `program_files` are kept.
 
     A file holds the code for arguments of one structure, shapes, types and devices. Its name
     follows from these, the key, this package's source, and the versions and settings of JAX.
@@ -61,6 +44,8 @@ class KeptProgram:
         key: everything that the function depends on beside its arguments and the package's source.
         compiler: options of the compiler.
         needs: called before the program is read: it makes known to XLA what the program calls.
+        kernels: whether the function may call kernels, which XLA cannot write to disk: a GPU's
+            program is then compiled in each process.
     """
 
     def __init__(
@@ -69,15 +54,17 @@ class KeptProgram:
         key: tuple[Hashable, ...],
         compiler: dict[str, bool] | None = None,
         needs: Callable[[], Any] = lambda: None,
+        kernels: bool = True,
     ):
         self._function, self._compiler, self._needs = function, compiler, needs
+        self._kernels = kernels
         self._jitted: Any = jax.jit(function, compiler_options=compiler)
-        self._key = _text((getattr(function, "__qualname__", ""), key, compiler))
+        self._key = full_text((getattr(function, "__qualname__", ""), key, compiler))
         self._known: dict[Hashable, Callable[..., Any]] = {}
         self._begun: dict[Hashable, tuple[Future[Callable[..., Any]], Any]] = {}
 
     def __call__(self, *arguments: Any) -> Any:
-        if not _folders:
+        if not files_are_kept():
             return self._jitted(*arguments)
         leaves, structure = jax.tree.flatten(arguments)
         signature = structure, tuple(map(_kind, leaves))
@@ -96,7 +83,7 @@ class KeptProgram:
         leaves, structure = jax.tree.flatten(arguments)
         signature = structure, tuple(map(_kind, leaves))
         if signature not in self._begun:
-            path = _program_file(self._key + _text(signature)) if _folders else None
+            path = self._file(signature)
             if path is None:
                 return None
             self._begun[signature] = self._beginning(leaves, structure, path)
@@ -110,7 +97,7 @@ class KeptProgram:
 
     def _first(self, leaves: list[Any], signature: tuple[Any, ...]) -> Any:
         """The results of the first call: of a program from disk, or compiled and written there."""
-        path = _program_file(self._key + _text(signature))
+        path = self._file(signature)
         if path is None:
             return self._jitted(*jax.tree.unflatten(signature[0], leaves))
         with contextlib.suppress(Exception):
@@ -118,7 +105,7 @@ class KeptProgram:
             program = None
             if signature in self._begun:
                 program = self._begun[signature][0].result()
-            elif path.is_file() and _own(path):
+            elif path.is_file() and is_own(path):
                 self._needs()
                 program = _loaded(len(leaves), *_read(path))
             if program is not None:
@@ -129,11 +116,16 @@ class KeptProgram:
         self._known[signature] = program = lowered.compiled(path)
         return program(*leaves)
 
+    def _file(self, signature: tuple[Any, ...]) -> Path | None:
+        """The file of the program for such arguments; None where it cannot be kept."""
+        known = not self._kernels or jax.default_backend() == "cpu"
+        return kept_file(self._key + full_text(signature)) if known else None
+
     def _beginning(
         self, leaves: list[Any], structure: PyTreeDef, path: Path
     ) -> tuple[Future[Callable[..., Any]], Any]:
         """A program that a thread reads or compiles, and its results without their numbers."""
-        if path.is_file() and _own(path):
+        if path.is_file() and is_own(path):
             with contextlib.suppress(Exception):
                 code, example, ids, kinds = _read(path)
 
@@ -166,18 +158,38 @@ class KeptProgram:
         return _LoweredProgram(traced.lower(), flat.__name__, results[-1], kinds)
 
 
+def kept_jit(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """`eqx.filter_jit` of a function whose programs are kept (`KeptProgram`).
+
+    Args:
+        function: a pure function without kernels. Arrays in its arguments are traced; the program
+            depends on all else in them.
+    """
+    programs: dict[Hashable, KeptProgram] = {}
+    call: Any = function  # With its parameters unknown, for the type checker.
+    name = f"{function.__module__}.{function.__qualname__}"
+
+    @functools.wraps(function)
+    def called(*args: _P.args, **kwargs: _P.kwargs) -> _R:
+        arrays, others = eqx.partition((args, kwargs), eqx.is_array)
+        leaves, structure = jax.tree.flatten(others)
+        key = name, structure, *leaves
+        if key not in programs:
+
+            def run(arrays: Any) -> _R:
+                args, kwargs = eqx.combine(arrays, others)
+                return call(*args, **kwargs)
+
+            programs[key] = KeptProgram(run, key, kernels=False)
+        return programs[key](arrays)
+
+    return called
+
+
 @functools.cache
 def _threads() -> ThreadPoolExecutor:
     """Threads that read and compile: XLA uses as many cores as there are anyway."""
     return ThreadPoolExecutor(4, "program")
-
-
-def _own(path: Path) -> bool:
-    """Whether a file is this user's, and nobody else may write to it: it is code that will run."""
-    if not hasattr(os, "getuid"):
-        return True
-    about = path.stat()
-    return about.st_uid == os.getuid() and not about.st_mode & 0o022
 
 
 class _LoweredProgram(NamedTuple):
@@ -234,7 +246,7 @@ def _write(path: Path, program: Compiled, result: PyTreeDef, kinds: list[tuple[A
     devices = jax.tree.leaves(program.output_shardings)[0].device_set
     ids = sorted(device.id for device in devices)
     content: _Content = code, example, ids, kinds
-    _keep(path, pickle.dumps(content))
+    write_kept(path, pickle.dumps(content))
 
 
 def _without_numbers(example: Any, kinds: list[tuple[Any, ...]]) -> Any:
@@ -247,79 +259,8 @@ def _without_numbers(example: Any, kinds: list[tuple[Any, ...]]) -> Any:
     return jax.tree.unflatten(jax.tree.structure(example), leaves)
 
 
-def kept_text(key: tuple[Hashable, ...], make: Callable[[], str]) -> str:
-    """A text that is made once and read from disk after that, where programs are kept.
-
-    Args:
-        key: everything that the text depends on beside the package's source.
-        make: returns the text; called where it is not on disk.
-    """
-    path = _file(_text(key)) if _folders else None
-    if path is None:
-        return make()
-    with contextlib.suppress(OSError, ValueError):
-        # It may be code, too.
-        if _own(path):
-            return path.read_text(encoding="utf-8")
-    text = make()
-    with contextlib.suppress(OSError):
-        _keep(path, text.encode())
-    return text
-
-
-def _program_file(key: str) -> Path | None:
-    """The file of a program; None on a GPU, whose programs call kernels that this process must load
-    itself."""
-    return _file(key) if jax.default_backend() == "cpu" else None
-
-
-def _file(key: str) -> Path | None:
-    """The file of what has this key; None if the text of a function or an object in it does not say
-    what it is."""
-    if " at 0x" in key:
-        return None
-    folder, processor = _folders[0]
-    name = hashlib.sha256(f"{_version()} {processor} {key}".encode()).hexdigest()
-    return folder / f"{name[:40]}{_SUFFIX}"
-
-
-def _keep(path: Path, content: bytes) -> None:
-    """Write a file; the oldest ones are removed if there are too many."""
-    with atomic_path(path) as partial:
-        partial.write_bytes(content)
-        partial.chmod(0o600)
-    files = sorted(path.parent.glob(f"*{_SUFFIX}"), key=lambda file: file.stat().st_mtime)
-    for file in files[:-MOST_FILES]:
-        file.unlink(missing_ok=True)
-
-
 def _kind(x: Any) -> tuple[Hashable, ...]:
     """What a program depends on of an argument."""
     if isinstance(x, jax.Array | jax.ShapeDtypeStruct):
         return x.shape, x.dtype, x.weak_type, x.sharding
     return x.shape, x.dtype
-
-
-def _text(value: Any) -> str:
-    """What a value says of itself, all of it."""
-    if isinstance(value, tuple):
-        return f"({', '.join(map(_text, value))})"
-    if isinstance(value, eqx.Module):
-        # Its own text is for people, and shorter.
-        leaves, structure = jax.tree.flatten(value)
-        return f"{structure} {_text(tuple(leaves))}"
-    return repr(value)
-
-
-@functools.cache
-def _version() -> str:
-    """A hash of this package's source, with the versions and settings of JAX."""
-    digest, root = hashlib.sha256(), Path(__file__).parents[1]
-    for file in sorted(root.rglob("*.py")):
-        digest.update(f"{file.relative_to(root)} {len(file.read_bytes())} ".encode())
-        digest.update(file.read_bytes())
-    versions = [version(name) for name in ("jax", "jaxlib", "equinox")]
-    settings = [str(jax.config.values.get(name)) for name in _SETTINGS]
-    devices = [f"{device.device_kind} {device.id}" for device in jax.devices()]
-    flags = os.environ.get("XLA_FLAGS", "")
-    return f"{digest.hexdigest()} {versions} {settings} {devices} {flags}"

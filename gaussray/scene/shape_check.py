@@ -9,7 +9,7 @@ import equinox as eqx
 import jax
 from jaxtyping import jaxtyped
 
-from gaussray.runtime.stored_programs import kept_text
+from gaussray.runtime.program_files import kept_text
 from gaussray.scene.scene import Scene, at
 
 

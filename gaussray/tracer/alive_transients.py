@@ -80,8 +80,8 @@ def swept_between(
     nearest = jnp.maximum(jnp.maximum(first, -last), 0)
     squared, faded = radius * radius, squared_age(nearest, window.rate, window.plateau)
     alive = (faded < squared) & (first <= last)
-    some = jnp.where(squared > 0, squared, 1)
-    shrink = jnp.where(alive, jnp.sqrt(jnp.maximum(1 - faded / some, 0)), 0)
+    divisor = jnp.where(squared > 0, squared, 1)
+    shrink = jnp.where(alive, jnp.sqrt(jnp.maximum(1 - faded / divisor, 0)), 0)
     # Rounding must not cut off what a ray at the very end of the window still meets.
     eps = 8 * jnp.finfo(radius.dtype).eps
     rate = jnp.where(window.rate > 0, window.rate, 1)

@@ -62,7 +62,7 @@ def _bound_bundle(rays: Rays, key_time: Array, row_end: int) -> Bundles:
     real = jnp.any(d != 0, axis=-1) & jnp.isfinite(rays.time)
     real = real & jnp.all(jnp.isfinite(d) & jnp.isfinite(o), axis=-1)
     d, o = (jnp.where(real[:, None], x, 0) for x in (d, o))
-    some = jnp.any(real)
+    any_real = jnp.any(real)
     axis = normalize(jnp.sum(d, axis=0))
     # The side from the first to the middle ray of the bundle's first run follows the pixel rows.
     along = d[row_end] - d[0]
@@ -84,14 +84,14 @@ def _bound_bundle(rays: Rays, key_time: Array, row_end: int) -> Bundles:
         high = jnp.max(jnp.where(real, slope, -jnp.inf)) + slack
         normals += [side - low * axis, high * axis - side]
     normal = normalize(jnp.stack(normals))
-    normal = jnp.where(narrow & some, normal, 0)
+    normal = jnp.where(narrow & any_real, normal, 0)
     reach = jnp.where(real, product("si,ri->sr", normal, o), jnp.inf)
     magnitude = jnp.max(jnp.where(real[:, None], jnp.abs(o), 0))
     offset = jnp.min(reach, axis=1) - slack * magnitude
     earliest = jnp.min(jnp.where(real, rays.time, jnp.inf))
     latest = jnp.max(jnp.where(real, rays.time, -jnp.inf))
     active = active_controls(key_time, earliest, latest)
-    return Bundles(normal, jnp.where(some, offset, jnp.inf), active, earliest, latest)
+    return Bundles(normal, jnp.where(any_real, offset, jnp.inf), active, earliest, latest)
 
 
 def _row_end(count: int) -> int:

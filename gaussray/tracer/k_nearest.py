@@ -37,8 +37,8 @@ def nearest_hits(
         return jnp.minimum(jnp.maximum(key[None], shifted), kept), None
 
     def chunk(i: Array, kept: Array) -> Array:
-        some = jax.lax.dynamic_index_in_dim(keys, i, keepdims=False)
-        return jax.lax.scan(insert, kept, jnp.where(some > after[None], some, none))[0]
+        candidates = jax.lax.dynamic_index_in_dim(keys, i, keepdims=False)
+        return jax.lax.scan(insert, kept, jnp.where(candidates > after[None], candidates, none))[0]
 
     return jax.lax.fori_loop(0, chunks, chunk, jnp.full((k, *after.shape), none, after.dtype))
 

@@ -136,8 +136,8 @@ def _coarse_pairs(grid: Grid, bounds: Bundles, size: int) -> tuple[_Pairs, Int[A
         # The last block may overlap the one before it; overlapping rows do not count again.
         begin = jnp.minimum(first, bundles - rows)
         bundle = begin + jnp.arange(rows, dtype=jnp.int32)
-        some = jax.tree.map(lambda x: jax.lax.dynamic_slice_in_dim(x, begin, rows), bounds)
-        touched = jax.vmap(lambda b: _touches_box(b, grid.lower, grid.upper))(some)
+        bounded = jax.tree.map(lambda x: jax.lax.dynamic_slice_in_dim(x, begin, rows), bounds)
+        touched = jax.vmap(lambda b: _touches_box(b, grid.lower, grid.upper))(bounded)
         touched = touched & filled[None] & (bundle >= first)[:, None]
         return _append_pairs(
             state, touched, jnp.broadcast_to(bundle[:, None], cell.shape), cell, size

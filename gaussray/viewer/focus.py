@@ -34,6 +34,6 @@ def clicked_focus_distance(
     if covered < SURFACE_ALPHA:
         return None
     if camera.aperture.focus == "plane":
-        place = jnp.asarray(pixel, camera.time.dtype) + 0.5
-        distance *= float(camera.lens.direction(place)[2])
+        point = jnp.asarray(pixel, camera.time.dtype) + 0.5
+        distance *= float(camera.lens.direction(point)[2])
     return distance if distance > 0 else None

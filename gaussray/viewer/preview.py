@@ -17,7 +17,7 @@ from gaussray.camera.camera import Camera
 from gaussray.camera.shutter import time_window
 from gaussray.render.camera_layout import CameraLayout, pack_camera
 from gaussray.render.compiled import ProgramSettings, render_part, render_pieces
-from gaussray.render.list_sizes import NO_LISTS, round_capacity
+from gaussray.render.list_sizes import NO_LISTS, enlarge_program_capacity, round_capacity
 from gaussray.render.measured_capacity import single_program_capacity, staged_capacity
 from gaussray.render.options import RenderOptions
 from gaussray.render.parts import Part, interleaved_parts, pixels_part, whole_picture
@@ -25,7 +25,6 @@ from gaussray.render.picture_programs import StageArguments, render_staged, uses
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip, segment_edges, segments_of
 from gaussray.scene.spare_rows import with_spare_rows
-from gaussray.tracer.measure import enlarged_capacity
 from gaussray.tracer.options import TraceOptions, grid_levels
 from gaussray.tracer.shard import mesh as device_mesh
 from gaussray.tracer.trace import Report
@@ -59,12 +58,12 @@ class _Program(NamedTuple):
 
 
 class _Picture(NamedTuple):
-    """The part of a picture that a program traces, and how; with several devices, `place` is where
+    """The part of a picture that a program traces, and how; with several devices, `slots` is where
     each pixel lies in their joint output."""
 
     part: Part
     trace: TraceOptions
-    place: np.ndarray | None = None
+    slots: np.ndarray | None = None
 
 
 class _Key(NamedTuple):
@@ -121,7 +120,7 @@ class PreviewRenderer:
         values, report = self._run(program, key, row)
         spent = 1000 * (clock.monotonic() - begin)
         if report.dropped.any():
-            self._queue(key, camera, _enlarged_capacity(program, report))
+            self._queue(key, camera, self._enlarged_capacity(program, report))
         hits, dropped = int(report.hits.sum()), int(report.dropped.sum())
         return Preview(values, key.size, spent, hits, dropped)
 
@@ -147,7 +146,7 @@ class PreviewRenderer:
             if not report.dropped.any():
                 numbers = np.asarray(values)[0]
                 return float(numbers[3]), float(numbers[4])
-            self._build(key, camera, _enlarged_capacity(program, report))
+            self._build(key, camera, self._enlarged_capacity(program, report))
 
     def has(self, camera: Camera, samples: int) -> bool:
         """Whether the program for such a preview is compiled.
@@ -188,16 +187,16 @@ class PreviewRenderer:
         return row, _Key(layout, (film.width, film.height), keys, samples, segment, probe)
 
     def _run(self, program: _Program, key: _Key, row: np.ndarray):
-        place = program.picture.place
+        slots = program.picture.slots
         values, report = program.call(*self._arguments(key, program.picture, row))
-        if place is not None:
+        if slots is not None:
             values, report = jax.device_get((values, report))
-            return values.reshape(-1, 5)[place], report
+            return values.reshape(-1, 5)[slots], report
         return jax.block_until_ready((values[0] if self._staged else values, report))
 
     def _arguments(self, key: _Key, picture: _Picture, row: np.ndarray) -> StageArguments:
         """Leaves of the scene, numbers of the camera, and part, on the devices that render."""
-        one_device = picture.place is None
+        one_device = picture.slots is None
         leaves = self._flat[key.segment][0] if one_device else self._shared[key.segment]
         if self._staged:
             row = np.tile(row, (1 if one_device else self._mesh.size, 1))
@@ -267,7 +266,7 @@ class PreviewRenderer:
         structure, settings = self._flat[key.segment][1], self._settings(key, picture, capacity)
         if self._staged:
             return lambda *arguments: render_staged(structure, key.layout, settings, arguments)
-        make = render_part if picture.place is None else render_pieces
+        make = render_part if picture.slots is None else render_pieces
         return make(structure, key.layout, settings)
 
     def _measure_capacity(self, key: _Key, camera: Camera, picture: _Picture) -> Capacity:
@@ -278,15 +277,22 @@ class PreviewRenderer:
             row = pack_camera(jax.device_get(camera))[0]
             arguments = self._arguments(key, picture, row)
             return staged_capacity(structure, key.layout, settings, arguments, camera.time.dtype)
-        if picture.place is not None:
+        if picture.slots is not None:
             part = jax.tree.map(lambda x: x[0], jax.device_get(part))
         return single_program_capacity(
             self.scenes[key.segment], camera, part, settings=settings, headroom=_HEADROOM
         )
 
+    def _enlarged_capacity(self, program: _Program, report: Report) -> Capacity:
+        """List capacity enlarged to what a picture needed."""
+        needed = report.largest_needed()
+        return enlarge_program_capacity(
+            program.capacity, needed, staged=self._staged, headroom=_HEADROOM
+        )
+
     def _settings(self, key: _Key, picture: _Picture, capacity: Capacity) -> ProgramSettings:
         options = dataclasses.replace(self._like, samples=key.samples)
-        mesh = None if picture.place is None else self._mesh
+        mesh = None if picture.slots is None else self._mesh
         return ProgramSettings(capacity, key.keys, options, picture.trace, mesh, quick=False)
 
     def _picture(self, key: _Key, camera: Camera) -> _Picture:
@@ -298,16 +304,10 @@ class PreviewRenderer:
             )
         if self._mesh.size == 1:
             return self._single_device_part(*whole_picture(camera.film, self.trace))
-        part, trace, place = interleaved_parts(camera.film, self.trace, self._mesh.size)
+        part, trace, slots = interleaved_parts(camera.film, self.trace, self._mesh.size)
         shared = jax.device_put(part, NamedSharding(self._mesh, PartitionSpec("rays")))
-        return _Picture(shared, trace, np.asarray(place))
+        return _Picture(shared, trace, np.asarray(slots))
 
     def _single_device_part(self, part: Part, trace: TraceOptions) -> _Picture:
         """A part for one device; programs in stages take a leading axis of devices."""
         return _Picture(jax.tree.map(lambda x: x[None], part) if self._staged else part, trace)
-
-
-def _enlarged_capacity(program: _Program, report: Report) -> Capacity:
-    """List capacity enlarged to what a picture needed."""
-    longer = enlarged_capacity(program.capacity, report.largest_needed(), headroom=_HEADROOM)
-    return round_capacity(longer)

@@ -191,22 +191,35 @@ def test_gradients_are_right_in_every_parameter(focus, blades, chief):
 
 @jax.jit
 def gradients(lens, chiefs, corners):
+    """The sum of each ray's origin, and the gradients of the sum of origin and direction."""
+
     def total(lens, chief, u):
         origin, direction = thin_lens(lens, chief, u)
-        return jnp.sum(origin) + jnp.sum(direction)
+        return jnp.sum(origin) + jnp.sum(direction), jnp.sum(origin)
 
-    over_u = jax.vmap(jax.grad(total, argnums=(0, 1, 2)), in_axes=(None, None, 0))
-    return jax.vmap(over_u, in_axes=(None, 0, None))(lens, chiefs, corners)
+    slopes = jax.grad(total, argnums=(0, 1, 2), has_aux=True)
+    over_u = jax.vmap(slopes, in_axes=(None, None, 0))
+    slope, origin = jax.vmap(over_u, in_axes=(None, 0, None))(lens, chiefs, corners)
+    return origin, slope
 
 
 @pytest.mark.parametrize("blades", [0, 5])
-def test_values_and_gradients_are_finite_at_the_extremes(blades):
+def test_gradients_at_the_extremes_are_those_of_one_scale_for_all_lengths(blades):
+    """In other units origins are as many times as long, and directions the same: by Euler's
+    theorem, radius and focus distance times their gradients add up to the origin."""
     corners = jnp.array([(0.0, 0.0), (1.0, 1.0), (0.0, 1.0), (0.5, 0.5), (0.5, 0.0), (0.75, 0.75)])
     chiefs = jnp.array([(0.0, 0.0, 1.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0), (0.0, 0.0, 0.0)])
     for focus in ("plane", "sphere"):
         for radius in (0.0, 1e6):
             lens = aperture(radius=radius, blades=blades, focus=focus)
-            for leaf in jax.tree.leaves(gradients(lens, chiefs, corners)):
+            origin, (slope, chief, u) = gradients(lens, chiefs, corners)
+            lengths = radius * slope.radius, lens.focus_distance * slope.focus_distance
+            np.testing.assert_allclose(sum(lengths), origin, atol=EXACT * max(radius, 1))
+            if not radius:
+                # A pinhole has no opening.
+                for leaf in (u, slope.rotation, slope.ratio):
+                    np.testing.assert_array_equal(leaf, 0)
+            for leaf in jax.tree.leaves((slope, chief, u)):
                 assert np.isfinite(leaf).all()
 
 

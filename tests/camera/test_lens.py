@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from lenses import any_way, assert_slopes, moved, sloped
 
+from gaussray.camera.distortion import distort, distort_jacobian
 from gaussray.camera.lens import FisheyePolynomial, KannalaBrandt, Pinhole, check_lens, pinhole
 
 
@@ -377,3 +378,17 @@ def test_check_lens_accepts_good_lenses_and_names_folded_ones():
     turned = eqx.tree_at(lambda x: x.coefficients, LENSES["mirrored"], array(0, -0.08, 0, 0, 1e-5))
     with pytest.raises(ValueError, match="lens.k must be monotone"):
         check_lens(turned, WIDTH, HEIGHT)
+
+
+@pytest.mark.parametrize("count", [8, 12, 14])
+def test_the_jacobian_of_the_distortion_is_its_derivative(count):
+    k = jnp.asarray(
+        [0.2, -0.05, 0.01, -0.02, 0.03, 0.1, 0.02, -0.01, 0.004, 0.003, -0.005, 0.002, 0.05, -0.08]
+    )[:count]
+    for xy in jnp.asarray([[0.0, 0.0], [0.4, -0.3], [-0.7, 0.9]]):
+        np.testing.assert_allclose(
+            np.reshape(distort_jacobian(k, xy), (2, 2)),
+            jax.jacfwd(distort, argnums=1)(k, xy),
+            rtol=1e-13,
+            atol=1e-14,
+        )

@@ -88,17 +88,26 @@ def test_gradients_are_right_in_every_pose_and_in_time(time):
     check_grads(seen, args, order=1, modes=["rev"], rtol=GRADIENT)
 
 
-def test_gradients_are_finite_between_equal_and_opposite_orientations():
+def test_gradients_between_equal_and_opposite_orientations_are_those_by_hand():
+    """Standing still, and from the third pose to the last one half a turn about x."""
     quat = jnp.array([(1.0, 0, 0, 0), (1.0, 0, 0, 0), (-1.0, 0, 0, 0), (0.0, 1.0, 0, 0)])
     still = Trajectory(jnp.arange(4.0), quat, jnp.zeros((4, 3)))
 
     def total(trajectory, time):
         return jnp.sum(seen(trajectory, time))
 
-    times = jnp.linspace(-1, 4, 21)
+    # Not at the knots, where it turns at two rates.
+    times = np.linspace(-1, 4, 21)[[*range(12), *range(13, 16), *range(17, 21)]]
     gradient = jax.jit(jax.vmap(jax.grad(total, argnums=(0, 1)), in_axes=(None, 0)))
-    for leaf in jax.tree.leaves(gradient(still, times)):
-        assert np.isfinite(leaf).all()
+    slope, rate = gradient(still, jnp.array(times))
+    # (0, -1, 2) is at sqrt(5) (cos, sin) of an angle; from -1 to i it falls by pi a unit of time.
+    angle, turning = np.arctan2(2, -1) - np.pi * (times - 2), (times > 2) & (times < 3)
+    expected = -np.sqrt(5) * np.pi * (np.cos(angle) - np.sin(angle)) * turning
+    np.testing.assert_allclose(rate, expected, atol=1e-9)
+    share = np.clip(1 - np.abs(np.clip(times, 0, 3)[:, None] - np.arange(4)), 0, 1)
+    np.testing.assert_allclose(slope.translation, np.repeat(share[..., None], 3, -1), atol=EXACT)
+    # The length of a quaternion is none of the pose.
+    np.testing.assert_allclose(np.sum(slope.quat * quat[None], axis=-1), 0, atol=1e-9)
 
 
 def test_single_precision_stays_single():
@@ -201,6 +210,9 @@ def test_gradients_of_a_spline_are_right_in_poses_and_time():
     check_grads(seen, (path, jnp.array(0.4)), order=1, modes=["rev"], rtol=GRADIENT)
     rest = splined(UNEVEN, np.tile([1.0, 0, 0, 0], (5, 1)), np.zeros((5, 3)))
     slope = jax.grad(lambda p: jnp.sum(seen(p, 0.4)))(rest)
+    # At rest as well: poses that move together take along what they see.
+    np.testing.assert_allclose(np.sum(slope.translation, axis=0), 1, atol=EXACT)
+    np.testing.assert_allclose(slope.quat[:, 0], 0, atol=EXACT)
     assert all(np.isfinite(x).all() for x in jax.tree.leaves(slope))
 
 

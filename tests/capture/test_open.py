@@ -38,6 +38,7 @@ def lay(folder, name, content):
 def test_every_format_has_a_reader_and_says_what_it_needs():
     known = {"paired", "splits", "neural3d", "llff", "dynamic3dgs", "nerfies", "pinf", "colmap"}
     known |= {"metashape", "neus", "immersive", "technicolor", "actorshq"}
+    known |= {"alicevision", "opensfm", "openmvg"}
     assert FORMATS.keys() == FORMAT_FILES.keys() == known
 
 
@@ -263,7 +264,7 @@ def test_a_background_that_there_is_not_lists_those_that_are(folder):
     [
         (
             "capture.format=ns",
-            "pinf, immersive, technicolor, actorshq, colmap, metashape, neus, got 'ns'",
+            "actorshq, colmap, metashape, neus, alicevision, opensfm, openmvg, got 'ns'",
         ),
         ("capture.format=null", "capture.format must be a text, got None"),
         ("capture.format=colmap", "must hold cameras and images"),

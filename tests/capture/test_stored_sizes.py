@@ -55,6 +55,14 @@ def test_cameras_follow_pictures_that_were_resized_as_a_whole(tmp_path, size):
     assert views[0].camera.lens is views[1].camera.lens
 
 
+def test_the_first_picture_that_is_there_tells(tmp_path):
+    (lay(tmp_path, (24, 17)) / "0.png").unlink()
+    with pytest.warns(CaptureWarning) as told:
+        (view,) = open_capture(tmp_path).views
+    assert any("pictures are 24 x 17 where" in str(one.message) for one in told)
+    assert read_encoded(view).shape == (17, 24, 3)
+
+
 @pytest.mark.filterwarnings("ignore:.*the pictures are 24 x 17")
 def test_they_may_be_scaled_again(tmp_path):
     (view, _) = open_capture(lay(tmp_path, (24, 17)), selection=Selection(scale=0.5)).views
@@ -67,6 +75,6 @@ def test_pictures_of_another_shape_are_an_error(tmp_path, size):
         warnings.simplefilter("error")
         (view, _) = open_capture(lay(tmp_path, size)).views
     with pytest.raises(
-        CaptureError, match=f"must be w x h = {W} x {H} .*, got {size[0]} x {size[1]}"
+        CaptureError, match=f"must be w x h = {W} x {H} .*, got {size[0]} x {size[1]}.*with fl_x"
     ):
         read_encoded(view)

@@ -1,6 +1,5 @@
 """Lenses that no camera has are told from those that some have."""
 
-import dataclasses
 import pathlib
 
 import numpy as np
@@ -9,17 +8,8 @@ import pytest
 from gaussray.capture.errors import CaptureWarning
 from gaussray.capture.formats.json_keys import Keys
 from gaussray.capture.formats.lenses import lens_of, unusual_pixels
-from gaussray.prepare.features import MatchingPicture
-from gaussray.prepare.findings import lens_findings
 from gaussray.prepare.lens_check import corner_distortion, is_unreadable, lens_complaint
-from gaussray.prepare.poses import Placement
-from gaussray.prepare.sparse_model import (
-    Observations,
-    SparseModel,
-    camera_of,
-    pixel_rays,
-    project_points,
-)
+from gaussray.prepare.sparse_model import camera_of, pixel_rays, project_points
 
 
 pytest.importorskip("pycolmap")
@@ -80,35 +70,12 @@ def test_a_lens_whose_other_corner_turns_back_is_noticed():
     assert np.isfinite(corner_distortion(bent)) and "turns back" in lens_complaint(bent)[1]
 
 
-def placed(lens):
-    """One camera with a lens that is known."""
-    nothing = np.zeros(0, int)
-    seen = Observations(nothing, nothing, nothing, np.zeros((0, 2)), np.zeros(0))
-    model = SparseModel(["a.png"], np.eye(4)[None, :3], [lens], np.zeros((0, 3)), seen)
-    pictures = {"a.png": MatchingPicture("a.png", "left", 0, (400, 300))}
-    return Placement(model, pictures, {}, {}, still=frozenset({"left"}), known=True)
-
-
-@pytest.mark.parametrize(
-    ("bend", "level"), [(0.0, "good"), (-0.2, "warn"), (-0.33, "warn"), (-1.0, "refuse")]
-)
-def test_a_calibration_is_refused_only_if_readers_refuse_its_lens(bend, level):
-    (finding,) = lens_findings(placed(lens("OPENCV", 400 / 0.9, k1=bend)))
-    assert finding.level == level
-    if level != "good":
-        assert finding.text.startswith("left: the calibration has distortion that turns back")
-        assert finding.remedy
-
-
-def test_a_third_without_a_direction_is_refused_if_estimated_and_told_of_a_calibration():
+def test_a_third_without_a_direction_is_refused_if_estimated_and_read_with_a_warning():
     """One coefficient, as Anipose has it: beyond a circle of 532 pixels there is no direction."""
     anipose = {"camera_model": "OPENCV", "w": 1280, "h": 1024, "fl_x": 759.1, "fl_y": 759.1}
     anipose |= {"cx": 640.0, "cy": 512.0, "k1": -0.302}
     level, reason = lens_complaint(anipose)
     assert level == "refuse" and "about 33 % get no" in reason and not is_unreadable(anipose)
-    (finding,) = lens_findings(placed(anipose))
-    assert finding.level == "warn" and "about 33 % get no viewing direction" in finding.text
-    assert "these pixels do not count" in finding.remedy
     # Readers of captures take it, and say how much is lost.
     with pytest.warns(CaptureWarning, match="about 3[0-9] % of its pixels, at the corners"):
         lens_of(Keys(pathlib.Path("a.json"), anipose), np.float32)
@@ -118,22 +85,6 @@ def test_pixels_that_are_not_square_are_told():
     assert unusual_pixels(1000.0, 1050.0) == ""
     assert unusual_pixels(1000.0, 1250.0) == "pixels that are 1.25 times as wide as high"
     assert lens_complaint(lens("OPENCV", 400.0) | {"fl_y": 500.0})[0] == "refuse"
-
-
-@pytest.mark.parametrize(
-    ("source", "level", "text"),
-    [
-        ("pictures", "good", "horizontal fields of view of 72 degrees"),
-        ("expected", "good", "as expected: the pictures do not tell"),
-        ("guess", "warn", "72 degrees across the width are a guess"),
-    ],
-)
-def test_what_tells_the_focal_length_is_said(source, level, text):
-    placement = placed(lens("OPENCV", 400 / 0.9))
-    model = dataclasses.replace(placement.model, focal_source=source)
-    (finding,) = lens_findings(dataclasses.replace(placement, model=model, known=False))
-    assert finding.level == level and text in finding.text
-    assert ("poses.fov" in finding.remedy) == (level == "warn")
 
 
 def test_distortion_beyond_all_lenses_is_refused():

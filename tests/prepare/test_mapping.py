@@ -40,12 +40,14 @@ def tried(monkeypatch, database, *found, **options):
     """The poses that are found if attempts end like this, and how the attempts were made."""
     made, left = [], list(found)
 
-    def attempt(database, pictures, options, hold_focal=False):
+    def incremental(database, pictures, out, options, **_):
         with colmap.Database.open(database) as db:
-            made.append((db.read_all_cameras()[0].model.name, hold_focal))
-        return left.pop(0)
+            model = db.read_all_cameras()[0].model.name
+        made.append((model, not options.ba_refine_focal_length))
+        reconstruction = left.pop(0)
+        return {} if reconstruction is None else {0: reconstruction}
 
-    monkeypatch.setattr(mapping, "_reconstruction", attempt)
+    monkeypatch.setattr(colmap, "incremental_mapping", incremental)
     options = PosesOptions(**options)
     return mapping.estimate_poses(database, database.parent, options), made
 
@@ -109,30 +111,43 @@ def test_progress_counts_the_pictures_of_each_attempt(tmp_path, database, monkey
     monkeypatch.setattr(mapping, "Progress", Recorder)
     monkeypatch.setattr(mapping, "say", said.append)
     monkeypatch.setattr(colmap, "incremental_mapping", incremental)
-    mapping._reconstruction(database, tmp_path, PosesOptions())
+    mapping.estimate_poses(database, tmp_path, PosesOptions())
     first, second = "have a pose in attempt 1", "have a pose in attempt 2"
     assert reports[:5] == [(2, first), (3, first), *((k, second) for k in (2, 3, 4))]
     # All pictures are no end: the mapper goes on.
     assert reports[5:] == [(5, second)]
-    assert said == [f"{PICTURES} of {PICTURES} pictures have a pose in the best of 2 attempts."]
+    text = f"{PICTURES} of {PICTURES} pictures have a pose in the best of 2 attempts."
+    assert said[-1] == text
 
 
-def test_progress_of_poses_has_no_time_left_before_the_end():
+def test_progress_of_poses_has_no_time_left_before_the_end(tmp_path, database, monkeypatch):
     lines = []
-    attempts = mapping._Attempts(PICTURES)
-    attempts.progress = mapping.Progress(
-        "poses", PICTURES, parts=attempts.progress.parts, write=lines.append
-    )
-    attempts.begin()
-    for _ in range(3):
-        attempts.progress.shown = -float("inf")
-        attempts.advance()
+
+    class Written(mapping.Progress):
+        """Writes every report."""
+
+        def __init__(self, *arguments, **options):
+            super().__init__(*arguments, **options | {"patience": 0.0, "write": lines.append})
+
+        def report(self, done, note=""):
+            self.shown = -float("inf")
+            super().report(done, note)
+
+    def incremental(*_, initial_image_pair_callback, next_image_callback):
+        initial_image_pair_callback()
+        for _ in range(3):
+            next_image_callback()
+        return {0: registered(5)}
+
+    monkeypatch.setattr(mapping, "Progress", Written)
+    monkeypatch.setattr(colmap, "incremental_mapping", incremental)
+    mapping.estimate_poses(database, tmp_path, PosesOptions())
     assert len(lines) == 4 and not any("left" in line for line in lines)
     assert lines[-1].startswith("poses 5/6  have a pose in attempt 1")
 
 
-def test_cameras_without_distortion_keep_the_rest(database):
-    mapping._forget_distortion(database)
+def test_cameras_without_distortion_keep_the_rest(monkeypatch, database):
+    tried(monkeypatch, database, None, registered(6))
     with colmap.Database.open(database) as db:
         (camera,) = db.read_all_cameras()
     assert camera.model.name == "SIMPLE_PINHOLE"
@@ -183,7 +198,8 @@ def test_two_pictures_alone_make_points_and_others_need_a_third(tmp_path, databa
 
     monkeypatch.setattr(colmap, "incremental_mapping", incremental)
     for path in (database, pair(tmp_path / "two.db", 80)):
-        assert mapping._reconstruction(path, tmp_path, PosesOptions()) is None
+        with pytest.raises(PrepareError):
+            mapping.estimate_poses(path, tmp_path, PosesOptions(model="opencv_fisheye"))
     usual, (many, two) = colmap.IncrementalPipelineOptions(), asked
     assert many.triangulation.ignore_two_view_tracks
     assert many.mapper.init_min_tri_angle == usual.mapper.init_min_tri_angle

@@ -10,7 +10,8 @@ import pytest
 from gaussray.dataset.images import write_image
 from gaussray.prepare import pipeline
 from gaussray.prepare.features import Keypoints, MatchingPicture
-from gaussray.prepare.findings import camera_findings, point_findings
+from gaussray.prepare.findings.cameras import camera_findings
+from gaussray.prepare.findings.points import point_findings
 from gaussray.prepare.poses import Placement
 from gaussray.prepare.sparse_model import Observations, SparseModel, camera_centres
 from gaussray.prepare.stray_poses import without_strays

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gaussray.prepare.errors import PrepareError
-from gaussray.prepare.findings import sync_findings
+from gaussray.prepare.findings.clocks import sync_findings
 from gaussray.prepare.options import FramesOptions, SyncOptions
 from gaussray.prepare.sources import Source
 from gaussray.prepare.sync import Sync
@@ -122,20 +122,3 @@ def test_one_folder_of_pictures_has_no_time():
     source = Source("photos", pathlib.Path("photos"), pictures, np.zeros(0), ((64, 48),))
     line = common_timeline([source], sync(photos=0.0), FramesOptions())
     assert line.is_static and line.frames["photos"].tolist() == [0, 1, 2, 3, 4]
-
-
-def test_pictures_that_no_other_camera_has_a_time_for_are_told():
-    def folder(name, count):
-        pictures = tuple(pathlib.Path(f"{i}.png") for i in range(count))
-        return Source(name, pathlib.Path(name), pictures, np.zeros(0), ((64, 48),))
-
-    def warnings(*sources):
-        offsets = sync(**{source.name: 0.0 for source in sources})
-        line = common_timeline(sources, offsets, FramesOptions())
-        found = sync_findings(sources, offsets, line, SyncOptions())
-        return [one.text for one in found if one.level == "warn"]
-
-    (told,) = warnings(folder("tall", 9), folder("wide", 5))
-    assert "not used: 4 of tall;" in told and "all of them have 5" in told
-    assert not warnings(folder("tall", 5), folder("wide", 5))
-    assert not warnings(folder("tall", 9))

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import toy
 
+from gaussray.render import renderer as module
 from gaussray.render.options import RenderOptions
 from gaussray.render.parts import PIXEL, RAY, SAMPLE
 from gaussray.render.renderer import Renderer
@@ -56,10 +57,9 @@ def test_frames_of_several_segments_are_merged_before():
     compare(Renderer(clip, options=WAYS["whole"], trace=toy.TRACE))
 
 
-def test_frames_whose_lists_were_too_short_are_developed_again():
+def test_frames_whose_lists_were_too_short_are_developed_again(monkeypatch):
+    monkeypatch.setattr(module, "staged_capacity", lambda *_: Capacity((1,), 2, 2))
     renderer = Renderer(toy.scene(), options=WAYS["whole"], trace=toy.TRACE)
-    list(renderer.render_frames(views()[:1]))
-    renderer._capacity = {size: Capacity((1,), 2, 2) for size in renderer._capacity}
     frames = list(renderer.render_developed(views(), twice))
     expected = list(renderer.render_frames(views()))
     for frame, whole in zip(frames, expected, strict=True):

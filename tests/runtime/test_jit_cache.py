@@ -1,9 +1,11 @@
 """What is compiled is kept where it may be, and nowhere else."""
 
+import os
+from types import SimpleNamespace
+
 import jax
 import pytest
 
-from gaussray.runtime import jit_cache as compilation
 from gaussray.runtime.jit_cache import MIN_COMPILE_SECONDS, keep_programs
 
 
@@ -23,8 +25,14 @@ def nowhere(monkeypatch):
 def test_programs_are_kept_in_the_users_cache_by_processor(nowhere, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     path = keep_programs("auto")
-    assert path == tmp_path / "gaussray" / compilation._processor()
+    assert path.parent == tmp_path / "gaussray"
     assert path.is_dir() and jax.config.jax_compilation_cache_dir == str(path)
+    for name in ("one", "other", "one"):
+        machine = SimpleNamespace(machine=name)
+        monkeypatch.setattr(os, "uname", lambda machine=machine: machine, raising=False)
+        jax.config.update("jax_compilation_cache_dir", None)
+        assert keep_programs("auto").parent == path.parent
+    assert len(list(path.parent.iterdir())) == 3
 
 
 def test_the_environment_comes_first(tmp_path):

@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 from jaxtyping import Array
 
-from gaussray.runtime import stored_programs
-from gaussray.runtime.stored_programs import KeptProgram, kept_text
+from gaussray.runtime import program_files
+from gaussray.runtime.program_files import kept_text
+from gaussray.runtime.stored_programs import KeptProgram, kept_jit
 
 
 class Sum(eqx.Module):
@@ -32,7 +33,7 @@ class Factor(eqx.Module):
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch):
-    monkeypatch.setattr(stored_programs, "_folders", [(tmp_path, "a processor")])
+    monkeypatch.setattr(program_files, "_folders", [(tmp_path, "a processor")])
     return tmp_path
 
 
@@ -52,6 +53,25 @@ def test_a_kept_program_is_not_traced_again(folder):
     for total, (double,) in seen:
         np.testing.assert_array_equal(total.value, [2, 3, 6])
         assert total.rest is None and total.power == 2 and float(double) == 4
+
+
+def test_a_kept_function_is_traced_once_for_everything_that_is_no_array(folder):
+    traced = []
+
+    def twice():
+        def scaled(total, factor, offset=None):
+            traced.append(factor)
+            return Sum(total.value * factor.factor, total.rest, total.power), offset
+
+        return kept_jit(scaled)
+
+    total = Sum(jnp.arange(3.0), None, 2)
+    for function in (twice(), twice()):
+        for factor in (2.0, 2.0, 3.0):
+            got, offset = function(total, Factor(factor), offset=jnp.ones(()))
+            np.testing.assert_array_equal(got.value, factor * np.arange(3.0))
+            assert got.rest is None and got.power == 2 and float(offset) == 1
+    assert traced == [Factor(2.0), Factor(3.0)] and len(list(folder.iterdir())) == 2
 
 
 def test_expected_programs_are_traced_once_and_take_each_others_results(folder):
@@ -86,7 +106,7 @@ def test_an_expected_program_whose_file_is_damaged_is_compiled(folder):
 
 def test_what_is_not_kept_is_not_expected(monkeypatch, folder):
     assert KeptProgram(jnp.sin, (object(),)).expect(jnp.ones(2)) is None
-    monkeypatch.setattr(stored_programs, "_folders", [])
+    monkeypatch.setattr(program_files, "_folders", [])
     assert KeptProgram(jnp.sin, ("sine",)).expect(jnp.ones(2)) is None
 
 
@@ -117,7 +137,7 @@ def test_keys_shapes_types_and_processors_have_programs_of_their_own(folder, mon
     powers(2, traced)(jnp.arange(4.0), pair)
     powers(2, traced)(jnp.arange(3), pair)
     powers(2, traced)(np.arange(3, dtype=np.float32), pair)
-    monkeypatch.setattr(stored_programs, "_folders", [(folder, "another")])
+    monkeypatch.setattr(program_files, "_folders", [(folder, "another")])
     powers(2, traced)(jnp.arange(3.0), pair)
     assert traced == [2, 3, 2, 2, 2, 2] and len(list(folder.iterdir())) == 6
 
@@ -153,7 +173,7 @@ def test_a_program_that_jax_keeps_too_is_written_whole(folder):
 
 
 def test_the_oldest_files_are_removed(folder, monkeypatch):
-    monkeypatch.setattr(stored_programs, "MOST_FILES", 2)
+    monkeypatch.setattr(program_files, "MOST_FILES", 2)
     for power in (1, 2, 3):
         powers(power, [])(jnp.arange(3.0), {"y": np.float32(2)})
     assert len(list(folder.iterdir())) == 2
@@ -192,7 +212,7 @@ def test_options_that_differ_in_the_last_digit_have_keys_of_their_own(folder):
 
 
 def test_without_a_folder_a_program_is_an_ordinary_one(monkeypatch, folder):
-    monkeypatch.setattr(stored_programs, "_folders", [])
+    monkeypatch.setattr(program_files, "_folders", [])
     traced = []
     program = powers(2, traced)
     gradient = jax.grad(lambda x: program(x, {"y": x})[0].value)(3.0)

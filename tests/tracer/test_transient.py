@@ -281,7 +281,13 @@ def test_what_is_not_finite_is_skipped_and_spreads_no_gradient(name):
         replace(motion, transient=broken), lines, weight, options=OPTIONS, capacity=ROOM
     )
     assert int(report.skipped) == 1
-    assert all(np.all(np.isfinite(x)) for x in jax.tree.leaves((pixels, gradient)))
+    # As if it could not be seen.
+    opacity = motion.transient.opacity.at[7].set(0)
+    unseen = replace(motion, transient=replace(motion.transient, opacity=opacity))
+    expected, _, slope = pull(unseen, lines, weight, options=OPTIONS, capacity=ROOM)
+    np.testing.assert_allclose(stacked(pixels), stacked(expected), atol=COLOR)
+    for a, b in zip(jax.tree.leaves(gradient), jax.tree.leaves(slope), strict=True):
+        np.testing.assert_allclose(a, b, atol=GRADIENT * np.abs(b).max())
 
 
 def test_there_are_no_more_places_than_transient_gaussians():

@@ -6,8 +6,6 @@ import sys
 import time as clock
 from pathlib import Path
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 import rooms
@@ -17,9 +15,8 @@ from gaussray.render import picture_programs
 from gaussray.render.aov.labeller import Labeller
 from gaussray.render.develop import picture_levels
 from gaussray.render.renderer import Renderer
-from gaussray.tracer.trace import Report
 from gaussray.tracer.traverse import Capacity
-from gaussray.viewer import preview as module
+from gaussray.viewer import preview
 from gaussray.viewer.controls import choice_values
 from gaussray.viewer.develop import develop_preview
 from gaussray.viewer.focus import clicked_focus_distance
@@ -41,7 +38,7 @@ def model(tmp_path_factory):
 def previewer(model):
     job = model.job(model.initial_values, model.initial_viewpoint, model.size)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(PreviewRenderer, "_measure_capacity", lambda *_: rooms.ROOM)
+        patch.setattr(preview, "staged_capacity", lambda *_: rooms.ROOM)
         yield PreviewRenderer(model.scene, options=job.options, trace=job.trace, keys=3)
 
 
@@ -68,7 +65,6 @@ def test_a_preview_is_the_picture_that_is_rendered(model, previewer):
 
 def test_no_slider_compiles_anything(model, previewer):
     rooms.made(previewer, job_with(model, aperture__radius=0.2).records[0].camera, 2)
-    programs = len(previewer._programs)
     for change in (
         {"lens__fov": 40.0},
         {"aperture__radius": 0.05},
@@ -80,7 +76,7 @@ def test_no_slider_compiles_anything(model, previewer):
     viewpoint = model.initial_viewpoint._replace(time=0.3, position=(0.1, 0.2, -3.0))
     job = model.job(model.initial_values | {"aperture.radius": 0.1}, viewpoint, model.size)
     assert previewer(job.records[0].camera, 2) is not None
-    assert len(previewer._programs) == programs
+    assert previewer.compiling == 0
 
 
 def test_another_lens_compiles_only_its_rays(model, previewer, monkeypatch):
@@ -104,26 +100,29 @@ def test_lists_are_measured_where_nothing_is_known(model):
     one = PreviewRenderer(model.scene, options=job.options, trace=job.trace, keys=3)
     camera = job.records[0].camera
     found = rooms.made(one, camera, 1)
-    (program,) = one._programs.values()
     assert found.dropped == 0 and found.hits > 0
-    assert all(n & (n - 1) == 0 for n in (*program.capacity.cells, program.capacity.pairs))
     one.close()
 
 
-def test_readout_and_exposure_share_a_program_of_few_key_states(model, previewer):
+def test_readout_and_exposure_share_a_program_which_no_single_instant_needs(model, previewer):
     cameras = [
-        job_with(model, shutter__kind="rolling", **told).records[0].camera
-        for told in ({"shutter__readout": 0.1}, {"shutter__readout": 0.9, "shutter__exposure": 0.2})
+        job_with(model, shutter__kind="rolling", **times).records[0].camera
+        for times in (
+            {"shutter__readout": 0.1},
+            {"shutter__readout": 0.9, "shutter__exposure": 0.2},
+        )
     ]
-    assert previewer._key(cameras[0], 2)[1] == previewer._key(cameras[1], 2)[1]
-    assert previewer._key(cameras[0], 2)[1].keys == 3
+    rooms.made(previewer, job_with(model).records[0].camera, 1)
+    assert not any(previewer.has(camera, 1) for camera in cameras)
+    rooms.made(previewer, cameras[0], 1)
+    assert all(previewer.has(camera, 1) for camera in cameras)
 
 
 @pytest.mark.slow
 def test_lists_that_are_too_short_are_told_of_and_lengthened(model, previewer, monkeypatch):
     job = job_with(model)
     one = PreviewRenderer(model.scene, options=job.options, trace=job.trace, keys=3)
-    monkeypatch.setattr(PreviewRenderer, "_measure_capacity", lambda *_: Capacity((64,), 16, 8))
+    monkeypatch.setattr(preview, "staged_capacity", lambda *_: Capacity((64,), 16, 8))
     camera = job.records[0].camera
     first = rooms.made(one, camera, 1)
     assert first.dropped > 0
@@ -159,14 +158,6 @@ def test_a_sensor_develops_a_preview_as_a_picture(model, previewer):
     codes = picture_levels(job.records[0], light, job.dataset.sensor).astype(int)
     assert codes.std() > 5
     assert np.abs(develop_preview(found, job).astype(int) - codes).max() <= 1
-
-
-def test_lists_are_as_long_as_the_device_with_the_longest_wants():
-    held = module._Program(len, Capacity((64,), 64, 16), module.Part)
-    none, hits = jnp.zeros((), int), jnp.zeros(())
-    each = [Report(jnp.array(n), none, none, hits) for n in ([10, 70, 16], [90, 20, 17])]
-    longer = module._enlarged_capacity(held, jax.tree.map(lambda *x: np.stack(x), *each))
-    assert longer.cells[0] >= 90 and longer.pairs >= 70 and longer.slots == 64
 
 
 @pytest.mark.ci

@@ -9,6 +9,7 @@ import rooms
 from gaussray.capture.picture_file import read_stored
 from gaussray.cli.main import main
 from gaussray.config.compose import compose_config
+from gaussray.viewer import preview
 from gaussray.viewer.controls import choice_values
 from gaussray.viewer.preset import (
     preset_folder,
@@ -65,7 +66,7 @@ class Screen:
 @pytest.fixture(scope="module")
 def screen(model, known_sizes):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(PreviewRenderer, "_measure_capacity", lambda *_: rooms.ROOM)
+        patch.setattr(preview, "staged_capacity", lambda *_: rooms.ROOM)
         patch.setattr(ViewerSession, "_compile_likely_next", lambda *_: None)
         screen = Screen(model)
         yield screen

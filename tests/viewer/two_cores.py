@@ -7,7 +7,9 @@ import jax
 import numpy as np
 import rooms
 
+from gaussray.render import renderer
 from gaussray.render.renderer import Renderer
+from gaussray.viewer import preview
 from gaussray.viewer.develop import develop_preview
 from gaussray.viewer.preview import PreviewRenderer
 
@@ -26,7 +28,7 @@ def main(folder: Path) -> None:
     job = model.job(model.initial_values | {"aperture.radius": 0.2}, model.initial_viewpoint, SIZE)
     camera = job.records[0].camera
     previewer = PreviewRenderer(model.scene, options=job.options, trace=job.trace, keys=3)
-    PreviewRenderer._measure_capacity = Renderer._measure = lambda *_, **__: rooms.ROOM
+    preview.staged_capacity = renderer.staged_capacity = lambda *_: rooms.ROOM
     found = rooms.made(previewer, camera, job.options.samples)
     frame = Renderer(model.scene, options=job.options, trace=job.trace, devices=1)(camera)
     values = np.asarray(found.values).reshape(*SIZE[::-1], 5)

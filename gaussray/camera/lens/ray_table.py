@@ -68,9 +68,9 @@ class RayTable(FocalLens):
         across = _across(toward)
         rows, columns = self.rays.shape[:2]
         skip = -(-rows // _GUESSES), -(-columns // _GUESSES)
-        some = self.rays[:: skip[0], :: skip[1]]
-        nearest = jnp.argmax(jnp.sum(some * toward[None, None], axis=-1))
-        row, column = jnp.unravel_index(nearest, some.shape[:2])
+        coarse = self.rays[:: skip[0], :: skip[1]]
+        nearest = jnp.argmax(jnp.sum(coarse * toward[None, None], axis=-1))
+        row, column = jnp.unravel_index(nearest, coarse.shape[:2])
         start = jnp.stack([column * skip[1], row * skip[0]]).astype(point.dtype)
         xy, has_ray = plane_root(
             _aside, jnp.zeros_like(start), (self.rays, across), start,

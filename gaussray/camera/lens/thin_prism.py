@@ -11,7 +11,7 @@ from gaussray.camera.lens.correctable import ParametricLens
 from gaussray.camera.lens.kannala_brandt import monotone_angle
 from gaussray.camera.lens.model import LensKeys, LensModel, focal_and_center
 from gaussray.camera.lens.radial import axis_angle
-from gaussray.camera.roots import keeps_orientation, plane_root
+from gaussray.camera.roots import jacobian_of, keeps_orientation, plane_root
 from gaussray.geometry import safe_norm
 from gaussray.io.json_numbers import json_numbers
 from gaussray.io.plain_values import number, to_device, vector
@@ -66,7 +66,7 @@ class ThinPrismFisheye(ParametricLens):
         limit = 1 / jnp.where(off_axis | (point[2] == 0), 1, point[2])
         stretch = jnp.where(off_axis, theta / axial, limit)
         plain = jnp.where(imaged, stretch * point[:2], 0)
-        imaged &= keeps_orientation(_distorted, plain, self.coefficients)
+        imaged &= keeps_orientation(jacobian_of(_distorted)(plain, self.coefficients))
         return _distorted(plain, self.coefficients), imaged
 
     def check_image(self) -> None:

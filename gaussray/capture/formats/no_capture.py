@@ -39,11 +39,10 @@ _HEAD = 100_000
 _FACTS_FILE, _COMMAND_FILE, _REPORT_FILE = "prepare.json", "run.json", "report.html"
 # Folders and files that are looked at for what lies deeper; files that a message names.
 _LOOKED_AT, _NAMED = 50, 3
-# Other tools, and their commands that write COLMAP's model, which is read.
-_EXPORTS = {
-    "OpenSfM": "bin/opensfm export_colmap",
-    "AliceVision (Meshroom)": "aliceVision_exportColmap",
-    "OpenMVG": "openMVG_main_openMVG2Colmap",
+# Projects of other programs that are not text, and the commands that write what is read.
+_BINARY = {
+    "*.abc": "AliceVision (Meshroom): `aliceVision_convertSfMFormat -i {file} -o cameras.sfm`",
+    "sfm_data.bin": "OpenMVG: `openMVG_main_ConvertSfM_DataFormat -i {file} -o sfm_data.json`",
 }
 
 
@@ -61,7 +60,7 @@ def remedy_for(folder: Path, is_capture: Callable[[Path], bool]) -> str:
         _easymocap,
         functools.partial(_capture_inside, is_capture=is_capture),
         _model_without_poses,
-        _model_of_other_tool,
+        _binary_project,
         _calibration_of_other_tool,
         _pictures_without_poses,
     )
@@ -115,15 +114,16 @@ def _model_without_poses(folder: Path) -> str:
     return ""
 
 
-def _model_of_other_tool(folder: Path) -> str:
-    """Of a reconstruction by a tool whose files are not read."""
-    tool = _tool_of(folder)
-    if not tool:
-        return ""
-    return (
-        f"files of {tool} are not read. `{_EXPORTS[tool]}` converts them to COLMAP's model, "
-        f"which is; {_new_poses(media_folder(folder))}."
-    )
+def _binary_project(folder: Path) -> str:
+    """Of a project of another program in a file that is not text."""
+    for pattern, command in _BINARY.items():
+        file = next((path for path in sorted(folder.glob(pattern)) if path.is_file()), None)
+        if file is not None:
+            return (
+                f"{file.name} is not read, but the text that it is converted to, by "
+                f"{command.format(file=file.name)}. Or {_new_poses(media_folder(folder))}."
+            )
+    return ""
 
 
 def _calibration_of_other_tool(folder: Path) -> str:
@@ -185,18 +185,6 @@ def folders_in(folder: Path) -> list[Path]:
     outer = sorted(path for path in folder.iterdir() if path.is_dir())[:_LOOKED_AT]
     inner = [path for some in outer for path in sorted(some.iterdir()) if path.is_dir()]
     return outer + inner[:_LOOKED_AT]
-
-
-def _tool_of(folder: Path) -> str:
-    """The tool whose reconstruction a folder holds; empty if none."""
-    if next(folder.glob("*.sfm"), None) is not None:
-        return "AliceVision (Meshroom)"
-    if _has(json_if_readable(folder / "sfm_data.json"), "extrinsics"):
-        return "OpenMVG"
-    listed = json_if_readable(folder / "reconstruction.json")
-    if isinstance(listed, list) and listed and _has(listed[0], "shots"):
-        return "OpenSfM"
-    return ""
 
 
 def _has(content: Any, key: str) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 
 from gaussray.prepare.calibrations.known_camera import Calibration, KnownCamera
 from gaussray.prepare.errors import PrepareError
-from gaussray.prepare.findings import Finding
+from gaussray.prepare.findings.finding import Finding
 from gaussray.prepare.names_of_cameras import camera_in_name
 from gaussray.prepare.sources import Source
 from gaussray.runtime.progress import say
@@ -124,11 +124,11 @@ def _left_out(source: str, name: str, reason: str) -> Finding:
 
 def _check_poses(cameras: dict[str, KnownCamera]) -> None:
     """Refuse two cameras of one pose: nothing can be triangulated from them."""
-    place = {name: -camera.pose[:, :3].T @ camera.pose[:, 3] for name, camera in cameras.items()}
-    far = max(float(np.linalg.norm(centre)) for centre in place.values())
+    position = {name: -camera.pose[:, :3].T @ camera.pose[:, 3] for name, camera in cameras.items()}
+    far = max(float(np.linalg.norm(centre)) for centre in position.values())
     for one, two in itertools.combinations(cameras, 2):
         turn = np.abs(cameras[one].pose[:, :3] - cameras[two].pose[:, :3]).max()
-        if turn <= _SAME and np.abs(place[one] - place[two]).max() <= _SAME * far:
+        if turn <= _SAME and np.abs(position[one] - position[two]).max() <= _SAME * far:
             raise PrepareError(
                 f"poses.calibration must give each camera a pose of its own, got the same rotation "
                 f"and translation for {one} and {two}, as if they had not been calibrated or one "

@@ -68,9 +68,9 @@ def _camera(path: Path, node: ElementTree.Element) -> KnownCamera:
         distortion = np.append(distortion, numbers("intrinsic", "radialDistortion3"))
     matrix = np.array([[inner[0], 0, inner[2] - left], [0, inner[1], inner[3] - top], [0, 0, 1]])
     turn = numbers("transform", "r11 r12 r13 r21 r22 r23 r31 r32 r33").reshape(3, 3)
-    place = numbers("transform", "x y z") / _MILLIMETRES
+    position = numbers("transform", "x y z") / _MILLIMETRES
     flip = np.diag([1.0, -1.0, -1.0])
     rotation = flip @ turn
-    pose = np.column_stack([rotation, -rotation @ place])
+    pose = np.column_stack([rotation, -rotation @ position])
     size = int(right - left) + 1, int(bottom - top) + 1
     return opencv_camera(path, name, matrix, distortion, pose, size)

@@ -109,12 +109,12 @@ def refinement_sentence(kept: Sequence[str], scores: dict[str, float]) -> str:
         kept: the corrections that were kept.
         scores: PSNR in dB with each correction, "" for the recorded cameras (`kept_corrections`).
     """
-    told = [
+    outcomes = [
         f"{kind} {value:.2f} dB ({'kept' if kind in kept else 'left as recorded'})"
         for kind, value in scores.items()
         if kind
     ]
-    return f"Held-out tiles: recorded cameras {scores['']:.2f} dB, {', '.join(told)}."
+    return f"Held-out tiles: recorded cameras {scores['']:.2f} dB, {', '.join(outcomes)}."
 
 
 def _with_refine(options: ReconstructOptions, kinds: tuple[str, ...]) -> ReconstructOptions:

@@ -11,6 +11,7 @@ from jaxtyping import Float
 from gaussray.capture.capture import Capture, View
 from gaussray.capture.errors import CaptureWarning
 from gaussray.capture.frames import is_masked, read_encoded, visible_pixels
+from gaussray.capture.spread import evenly_spread
 from gaussray.reconstruct.data.backdrop import BackdropColor, surrounds
 from gaussray.runtime.progress import Progress
 
@@ -72,9 +73,8 @@ def without_covered_cameras(capture: Capture, *, quiet: bool = True) -> Capture:
 def _plain_color(views: Sequence[View]) -> BackdropColor | None:
     """The sRGB-encoded colour that a camera shows and nothing else; None if its pictures show more,
     or all their pixels are masked."""
-    chosen = np.unique(np.linspace(0, len(views) - 1, _LOOKED_AT).round().astype(int))
     color = None
-    for shown in _colors([views[k] for k in chosen]):
+    for shown in _colors(evenly_spread(views, _LOOKED_AT)):
         if not len(shown):
             continue
         red, green, blue = np.median(shown, axis=0).tolist()

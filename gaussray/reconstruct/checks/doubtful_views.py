@@ -19,17 +19,17 @@ def doubtful_views(names: list[str], error: Float[np.ndarray, "pictures tiles"])
         error: errors of their tiles after the fit, in any unit; NaN of those that were never drawn
             (masked or held-out ones).
     """
-    told = np.flatnonzero(np.mean(~np.isnan(error), axis=1) >= _SEEN)
-    if len(told) < _FEWEST:
+    judged = np.flatnonzero(np.mean(~np.isnan(error), axis=1) >= _SEEN)
+    if len(judged) < _FEWEST:
         return ""
-    mean = np.nanmean(error[told], axis=1)
+    mean = np.nanmean(error[judged], axis=1)
     worst = np.argsort(-mean, kind="stable")
-    far = [names[told[k]] for k in worst if mean[k] > _FAR * np.median(mean)]
+    far = [names[judged[k]] for k in worst if mean[k] > _FAR * np.median(mean)]
     if not far:
         return ""
     more = f" and {len(far) - _LISTED} more" if len(far) > _LISTED else ""
     return (
-        f"{len(far)} of {len(told)} training pictures stay far from the scene (more than "
+        f"{len(far)} of {len(judged)} training pictures stay far from the scene (more than "
         f"{_FAR:g} times the error of the median picture): {', '.join(far[:_LISTED])}{more}. Their "
         "poses may be wrong, or no other picture shows what they do. To fit without one, hold it "
         f"out: capture.test=['{far[0]}']."

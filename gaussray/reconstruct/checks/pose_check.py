@@ -17,9 +17,11 @@ from skimage.measure import block_reduce
 
 from gaussray.camera.lens import AbstractLens
 from gaussray.capture.errors import CaptureWarning
+from gaussray.capture.spread import evenly_spread, spread_indices
 from gaussray.geometry import BLENDER_AXES, epipolar_angle, rotation_matrix
 from gaussray.reconstruct.data.pictures import Footage
 from gaussray.reconstruct.initialize.stereo.matching import reduction
+from gaussray.runtime.stored_programs import kept_jit
 
 
 # Pictures among which neighbours are sought, and pairs of them that are compared.
@@ -29,7 +31,7 @@ _PIXELS, _DETAILS = 70_000, 600
 # Least cosine between the directions in which neighbours look: else they share little. Below the
 # other one they look so differently that wrong axes show: these leave details of neighbours that
 # look the same way less than a pixel off.
-_ALIKE, _TURNED = 0.8, 0.97
+_ALIKE, TURNED_COSINE = 0.8, 0.97
 # A match is believed if the second best is this much worse (Lowe's ratio).
 _RATIO = 0.8
 # Pixels of the reduced pictures off their lines, in the median, from which on poses are wrong, by
@@ -39,7 +41,7 @@ _WRONG = ((15, 10.0), (40, 4.0), (150, 1.5))
 # Poses must be read otherwise if they are more than so many pixels off, and other axes explain at
 # least so many matches to less than the last number, and so many times as well. Of eight captures
 # five had matches in turned pairs: 0.3 to 1.2 pixels with their own axes, 2.6 to 31 with others.
-_DOUBTED, _FEWEST, _BETTER, _RIGHT = 1.5, 30, 3.0, 1.5
+_DOUBTED, TELLING_MATCHES, _BETTER, _RIGHT = 1.5, 30, 3.0, 1.5
 _FLIP = np.diag(BLENDER_AXES)
 
 # What the poses of a file may be instead, and what to do about it.
@@ -71,7 +73,7 @@ class Misfit(NamedTuple):
     def reading(self) -> str:
         """How the poses must be read so that they fit; empty if as they are, or if none does."""
         best = min(self.others, key=lambda name: self.others[name])
-        doubted = self.matches >= _FEWEST and self.error > _DOUBTED
+        doubted = self.matches >= TELLING_MATCHES and self.error > _DOUBTED
         right = self.others[best] < min(_RIGHT, self.error / _BETTER)
         return best if doubted and right else ""
 
@@ -130,7 +132,7 @@ def pose_check(footage: Footage) -> PoseCheck:
     """
     _, first = np.unique(footage.viewpoints, return_index=True)
     first = np.sort(first)
-    chosen = first[np.linspace(0, len(first) - 1, min(len(first), _VIEWS)).round().astype(int)]
+    chosen = first[spread_indices(len(first), _VIEWS)]
     pose = jax.tree.map(lambda x: np.asarray(x)[chosen, 0], footage.camera.trajectory)
     rotation = np.asarray(rotation_matrix(jnp.asarray(pose.quat)), np.float64)
     eye = np.asarray(pose.translation, np.float64)
@@ -144,7 +146,7 @@ def pose_check(footage: Footage) -> PoseCheck:
 
     def misfit(most_alike: float) -> Misfit:
         matched = []
-        for pair in _pairs(rotation, eye, most_alike):
+        for pair in nearest_pairs(rotation, eye, most_alike):
             for k in pair:
                 if k not in seen:
                     seen[k] = _details(footage, int(chosen[k]))
@@ -157,7 +159,7 @@ def pose_check(footage: Footage) -> PoseCheck:
         medians = {name: float(np.median(x)) if count else 0.0 for name, x in errors.items()}
         return Misfit(count, medians.pop(""), medians)
 
-    return PoseCheck(misfit(1.0), misfit(_TURNED))
+    return PoseCheck(misfit(1.0), misfit(TURNED_COSINE))
 
 
 class _Details(NamedTuple):
@@ -168,13 +170,18 @@ class _Details(NamedTuple):
     angle: float
 
 
-def _pairs(
+def nearest_pairs(
     rotation: Float[np.ndarray, "views 3 3"],
     eye: Float[np.ndarray, "views 3"],
     most_alike: float,
 ) -> list[tuple[int, int]]:
-    """Pairs of views that look about the same way, but not more so than a cosine, and stand close
-    to each other, evenly spread."""
+    """Pairs of views that look about the same way and stand close to each other, evenly spread.
+
+    Args:
+        rotation: world from camera of each view.
+        eye: position of each view in the world.
+        most_alike: greatest cosine between the directions in which the views of a pair look.
+    """
     apart = np.linalg.norm(eye[:, None] - eye[None], axis=-1)
     alike = rotation[:, :, 2] @ rotation[:, :, 2].T
     apart[(alike < _ALIKE) | (alike > most_alike) | (apart == 0)] = np.inf
@@ -182,9 +189,7 @@ def _pairs(
     found = {
         (min(k, int(n)), max(k, int(n))) for k, n in enumerate(nearest) if np.isfinite(apart[k, n])
     }
-    every = sorted(found)
-    spread = np.linspace(0, len(every) - 1, min(len(every), _PAIRS)).round().astype(int)
-    return [every[i] for i in spread]
+    return evenly_spread(sorted(found), _PAIRS)
 
 
 def _details(footage: Footage, frame: int) -> _Details:
@@ -199,17 +204,17 @@ def _details(footage: Footage, frame: int) -> _Details:
         sift.detect_and_extract(small)
     except RuntimeError:  # there is none
         return _Details(np.zeros((0, 3)), np.zeros((0, 128), np.uint8), 1.0)
-    place = np.asarray(sift.positions)
-    kept = np.ones(len(place), bool)
+    position = np.asarray(sift.positions)
+    kept = np.ones(len(position), bool)
     if masks is not None:
         last = np.array(masks[0].shape) - 1
-        kept = masks[0][tuple(np.minimum((factor * (place + 0.5)).astype(int), last).T)]
+        kept = masks[0][tuple(np.minimum((factor * (position + 0.5)).astype(int), last).T)]
     strongest = np.flatnonzero(kept)[np.argsort(-np.asarray(sift.sigmas)[kept], kind="stable")]
     strongest = strongest[:_DETAILS]
     lens = jax.tree.map(lambda x: x[frame], footage.camera.lens)
     # One size for all pictures: equal lenses share a program.
     pixel = np.zeros((_DETAILS + 2, 2))
-    pixel[: len(strongest)] = factor * (place[strongest, ::-1] + 0.5)
+    pixel[: len(strongest)] = factor * (position[strongest, ::-1] + 0.5)
     pixel[-2:] = np.array([footage.film.width, footage.film.height]) / 2
     pixel[-1, 0] += factor
     ray = np.asarray(_rays(lens, jnp.asarray(pixel, jnp.float32)), np.float64)
@@ -219,7 +224,7 @@ def _details(footage: Footage, frame: int) -> _Details:
     return _Details(ray[lit], np.asarray(sift.descriptors)[strongest][lit], angle)
 
 
-@jax.jit
+@kept_jit
 def _rays(lens: AbstractLens, pixel: Float[Array, "details 2"]) -> Float[Array, "details 3"]:
     return jax.vmap(lens.direction)(pixel)
 

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from gaussray.capture.spread import spread_indices
 from gaussray.color import srgb_decode
 from gaussray.reconstruct.data.pictures import Footage
 
@@ -27,7 +28,7 @@ def backdrop_of(footage: Footage) -> BackdropColor | None:
     Args:
         footage: the training pictures; pixels that are masked do not count.
     """
-    chosen = np.unique(np.linspace(0, len(footage.times) - 1, _LOOKED_AT).round().astype(int))
+    chosen = spread_indices(len(footage.times), _LOOKED_AT)
     edge = np.ones((footage.film.height, footage.film.width), bool)
     edge[1:-1, 1:-1] = False
     border, visible = footage.pictures(chosen)[:, edge], footage.masks(chosen)

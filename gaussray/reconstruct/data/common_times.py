@@ -67,15 +67,15 @@ def common_times_sentence(recorded: Capture, capture: Capture) -> str:
 
 
 def common_times(
-    times: Float[np.ndarray, " pictures"], place: Int[np.ndarray, " pictures"]
+    times: Float[np.ndarray, " pictures"], viewpoint: Int[np.ndarray, " pictures"]
 ) -> Float[np.ndarray, " pictures"] | None:
     """The common time of each picture; None where they are to keep their own.
 
     Args:
         times: the time of each picture.
-        place: the number of the place from which each was taken.
+        viewpoint: the number of the fixed viewpoint of each.
     """
-    own = [np.flatnonzero(place == number) for number in np.unique(place)]
+    own = [np.flatnonzero(viewpoint == number) for number in np.unique(viewpoint)]
     still = [which for which in own if len(np.unique(times[which])) >= FEWEST_FRAMES]
     if len(still) < 2 or 2 * sum(map(len, still)) <= len(times):
         return None

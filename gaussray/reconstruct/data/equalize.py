@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from gaussray.capture.spread import spread_indices
 from gaussray.capture.temporal_median import visible_median
 from gaussray.color import srgb_decode, srgb_encode
 from gaussray.reconstruct.data.pictures import Footage
@@ -121,10 +122,10 @@ def _levels(footage: Footage, own: Int[np.ndarray, " frames"]) -> Float[np.ndarr
     """Logarithms of linear light of some pixels of a camera's pictures; NaN where one channel is
     too dark, too bright, or the pixel does not count."""
     tiles, pixels = footage.pixel.shape[1:3]
-    most = min(tiles * pixels, _PIXELS, max(_IN_ALL // len(own), _LEAST))
-    some = np.linspace(0, tiles * pixels - 1, most).round().astype(int)
-    tile, place = np.divmod(some, pixels)
-    result = np.empty((len(own), len(some), 3))
+    most = min(_PIXELS, max(_IN_ALL // len(own), _LEAST))
+    chosen = spread_indices(tiles * pixels, most)
+    tile, place = np.divmod(chosen, pixels)
+    result = np.empty((len(own), len(chosen), 3))
     for row, frame in enumerate(own):
         encoded = footage.pixel[frame, tile, place].astype(np.float32) / footage.scale
         tells = np.all((encoded > _DARK) & (encoded < _BRIGHT), axis=-1)

@@ -6,6 +6,7 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Int
 
+from gaussray.capture.spread import spread_indices
 from gaussray.reconstruct.data.batches import Batch, gather
 from gaussray.reconstruct.data.pictures import Footage
 
@@ -74,8 +75,7 @@ def held_out_batches(
         tiles: tiles of a batch: as many as a training step draws.
     """
     times = np.unique(footage.times[held.any(axis=1)])
-    if len(times) > _MOST:
-        times = times[np.linspace(0, len(times) - 1, _MOST).round().astype(int)]
+    times = times[spread_indices(len(times), _MOST)]
     return [
         batch for time in times for batch in _batches_of_time(footage, held, tiles, float(time))
     ]

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, UInt16
 
 from gaussray.camera.camera import Camera, project
+from gaussray.capture.spread import spread_indices
 from gaussray.capture.temporal_median import differs, temporal_median
 from gaussray.reconstruct.data.pictures import Footage
 from gaussray.reconstruct.data.tiles import join, tile_of, tile_pixels
@@ -45,7 +46,7 @@ def activity(footage: Footage) -> Activity:
     moved = np.empty(pixel.shape[:2], np.uint16)
     for row, name in enumerate(names):
         frames = np.flatnonzero(footage.viewpoints == name)
-        sample = np.linspace(0, len(frames) - 1, min(len(frames), _SAMPLE)).round().astype(int)
+        sample = spread_indices(len(frames), _SAMPLE)
         step = max(1, PIECE // (len(frames) * pixel[0, 0].nbytes))
         for tiles in (slice(i, i + step) for i in range(0, pixel.shape[1], step)):
             colors, visible = pixel[frames, tiles], footage.visible(frames, tiles)

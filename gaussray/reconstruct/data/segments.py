@@ -7,6 +7,7 @@ import numpy as np
 from gaussray.capture.capture import Capture, View
 from gaussray.capture.same_lens import same_lens
 from gaussray.capture.same_size import same_size
+from gaussray.capture.spread import evenly_spread
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -40,7 +41,7 @@ def segments(capture: Capture, most: int) -> list[Segment]:
     count = -(-(len(times) - 1) // (most - 1)) if most else 1
     if count <= 1:
         return [Segment(views, capture.time_range)]
-    inner = times[np.linspace(0, len(times) - 1, count + 1).round().astype(int)[1:-1]].tolist()
+    inner = evenly_spread(times.tolist(), count + 1)[1:-1]
     begin, end = capture.time_range
     edges = [begin, *inner, end]
     return [

@@ -4,6 +4,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 from scipy.ndimage import uniform_filter
 
+from gaussray.capture.spread import spread_indices
 from gaussray.capture.temporal_median import differs, temporal_median
 from gaussray.reconstruct.data.pictures import Footage
 
@@ -88,8 +89,8 @@ def median_picture(
     kept, camera = footage.medians, int(own[0])
     if camera in kept:
         return kept[camera]
-    some = own[np.linspace(0, len(own) - 1, min(len(own), _MOST)).round().astype(int)]
-    pictures, masks = footage.pictures(some), footage.masks(some)
+    chosen = own[spread_indices(len(own), _MOST)]
+    pictures, masks = footage.pictures(chosen), footage.masks(chosen)
     median = temporal_median(pictures, masks)
     known = np.ones(median.shape[:2], bool) if masks is None else masks.mean(axis=0) >= 0.5
     kept[camera] = np.where(known[..., None], median, 0).astype(pictures.dtype), known

@@ -1,6 +1,7 @@
 """Which points the first Gaussians stand on: an initialiser, chosen by what the capture holds."""
 
 import warnings
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -28,7 +29,7 @@ from gaussray.reconstruct.initialize.stereo.from_pictures import (
 from gaussray.reconstruct.initialize.stereo.guess import guessed_points
 from gaussray.reconstruct.initialize.stereo.uncovered import VIEWS, coverage, uncovered_points
 from gaussray.reconstruct.options import FitOptions
-from gaussray.runtime.progress import ProgressReport
+from gaussray.runtime.progress import ProgressReport, no_report
 
 
 # Points of stereo below which the pictures do not overlap.
@@ -56,7 +57,10 @@ class InitialPoints(NamedTuple):
 
 
 def initial_points(
-    capture: Capture, footage: Footage, options: FitOptions, report: ProgressReport
+    capture: Capture,
+    footage: Footage,
+    options: FitOptions,
+    progress: Callable[[str], ProgressReport],
 ) -> InitialPoints:
     """The points that the first Gaussians stand on, as fit.start says: those of the capture, those
     that stereo finds in the pictures, or random ones.
@@ -69,7 +73,7 @@ def initial_points(
         footage: the training pictures and their cameras.
         options: source and number of the points, outliers, and what shows motion: if transient
             Gaussians do, stereo leaves out what moves.
-        report: called with the steps of stereo.
+        progress: returns what shows the progress of a piece of work, whose name it is told.
     """
     given, start = capture.points, options.start
     if start == "random" or (start == "given" and given is None):
@@ -77,9 +81,10 @@ def initial_points(
     known = None if start == "stereo" else given
     if known is not None and (start == "given" or covers(known, footage, options)):
         return points_of_capture(known, options)
-    matched = points_of_stereo(footage, options, known, report)
+    matched = points_of_stereo(footage, options, known, progress("stereo"))
+    more = progress("uncovered places")
     if known is not None:
-        return points_of_capture(filled_up(known, matched), options, footage)
+        return points_of_capture(filled_up(known, matched), options, footage, report=more)
     if len(matched.position) < FEWEST:
         warnings.warn(
             f"stereo finds {len(matched.position)} points in the pictures: the start is points of "
@@ -89,11 +94,16 @@ def initial_points(
             stacklevel=2,
         )
         return points_at_guessed_distances(footage, options)
-    return points_of_capture(matched, options, footage, given=False)
+    return points_of_capture(matched, options, footage, given=False, report=more)
 
 
 def points_of_capture(
-    points: Points, options: FitOptions, footage: Footage | None = None, *, given: bool = True
+    points: Points,
+    options: FitOptions,
+    footage: Footage | None = None,
+    *,
+    given: bool = True,
+    report: ProgressReport = no_report,
 ) -> InitialPoints:
     """Points on surfaces without duplicates and outliers, at least fit.points of them.
 
@@ -105,6 +115,7 @@ def points_of_capture(
             (`uncovered_points`); None adds none.
         given: whether any of the points come with the capture: a warning says how many are left
             out. Stereo always finds some wrong ones.
+        report: called with the number of pictures in which points were added, and of all.
     """
     position, color = cleaned(points, options.outliers, warn=given)
     if footage is not None:
@@ -114,6 +125,7 @@ def points_of_capture(
             count=options.points,
             seed=options.seed,
             plain=backdrop_of(footage),
+            report=report,
         )
         position = np.concatenate([position, added.position])
         color = np.concatenate([color, added.color])

@@ -11,7 +11,7 @@ from gaussray.color import srgb_decode
 from gaussray.reconstruct.data.motion_mask import projected
 from gaussray.reconstruct.data.pictures import Footage
 from gaussray.reconstruct.data.still_cameras import FEWEST_FRAMES, camera_frames, median_picture
-from gaussray.runtime.progress import ProgressReport
+from gaussray.runtime.progress import ProgressReport, no_report
 from gaussray.scene.shading import Shading
 
 
@@ -44,7 +44,7 @@ def measured_shading(
     footage: Footage,
     position: Float[np.ndarray, "points 3"],
     *,
-    report: ProgressReport = lambda *_: None,
+    report: ProgressReport = no_report,
 ) -> Shading | None:
     """How shadows and reflected light pass over points that stand still.
 

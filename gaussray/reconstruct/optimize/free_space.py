@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 from scipy.spatial import KDTree
 
+from gaussray.capture.spread import spread_indices
 from gaussray.reconstruct.optimize.rows import EMPTY
 from gaussray.reconstruct.optimize.state import State
 
@@ -54,7 +55,7 @@ def free_balls(
     if not share or not len(position):
         return None
     eye = np.unique(np.asarray(eye, np.float64), axis=0)
-    eye = eye[np.linspace(0, len(eye) - 1, min(len(eye), _CAMERAS)).round().astype(int)]
+    eye = eye[spread_indices(len(eye), _CAMERAS)]
     neighbours = min(_NEIGHBOURS, len(eye) - 1)
     _, near = KDTree(eye).query(eye, k=neighbours + 1)
     midway = (eye[:, None] + eye[np.reshape(near, (len(eye), -1))[:, 1:]]) / 2

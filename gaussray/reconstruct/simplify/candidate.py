@@ -169,19 +169,19 @@ def without_scale(
     """
     field = _field(candidate)
     own = scale_rows(field.planes)[scale]
-    place, weight = candidate.scene.moving.mean, field.trunk.weight
+    position, weight = candidate.scene.moving.mean, field.trunk.weight
     kept = candidate.kept[candidate.scene.static.count :]
-    mean = _mean_features(field.planes, place, kept, jnp.asarray(times, place.dtype))[own]
+    mean = _mean_features(field.planes, position, kept, jnp.asarray(times, position.dtype))[own]
     trunk = Layer(weight.at[own].set(0), field.trunk.bias + product("i,io->o", mean, weight[own]))
     return eqx.tree_at(lambda d: d.scene.deformation.trunk, candidate, trunk)
 
 
 @eqx.filter_jit
 def _mean_features(
-    planes: Planes, place: Array, kept: Bool[Array, " moving"], times: Array
+    planes: Planes, position: Array, kept: Bool[Array, " moving"], times: Array
 ) -> Float[Array, " features"]:
-    share = jnp.where(kept, 1, 0) / jnp.maximum(jnp.sum(kept), 1).astype(place.dtype)
-    every = jax.lax.map(lambda time: share @ features(planes, place, time), times)
+    share = jnp.where(kept, 1, 0) / jnp.maximum(jnp.sum(kept), 1).astype(position.dtype)
+    every = jax.lax.map(lambda time: share @ features(planes, position, time), times)
     return jnp.mean(every, axis=0)
 
 

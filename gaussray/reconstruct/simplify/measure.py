@@ -15,6 +15,7 @@ from jaxtyping import Array, Float
 from gaussray.camera.camera import Camera
 from gaussray.camera.corrections import apply_color_response
 from gaussray.camera.rays import Rays
+from gaussray.capture.spread import spread_indices
 from gaussray.color import LEAST_MSE, psnr_from_mse, srgb_encode
 from gaussray.reconstruct.data.batches import gather, tile_colors, tile_rays
 from gaussray.reconstruct.data.pictures import Footage
@@ -106,7 +107,7 @@ def tile_views(
     tiles, weigh = -(-tiles // bundles), -(-weigh // bundles)
     times, frames = np.unique(seen.times, return_counts=True)
     tiles = min(tiles, tile_count * int(frames.max()))
-    chosen = np.unique(np.linspace(0, len(times) - 1, instants).round().astype(int))
+    chosen = spread_indices(len(times), instants)
     # More would be the same tiles again.
     most = -(-tile_count * int(frames.max()) // tiles)
     batches = min(-(-weigh // (tiles * len(chosen))), most)

@@ -192,8 +192,8 @@ def offset_program() -> Callable[..., tuple[Array, Array]]:
     """(places, whether they count, pixels) -> vectors from the pixels' middles, NaN where they do
     not count; and their lengths."""
 
-    def run(place: Array, met: Array, pixel: Array) -> tuple[Array, Array]:
-        offset = place - (pixel + 0.5)
+    def run(position: Array, met: Array, pixel: Array) -> tuple[Array, Array]:
+        offset = position - (pixel + 0.5)
         return jnp.where(met[:, None], offset, jnp.nan), safe_norm(offset)
 
     return on_devices(run, None, ())

@@ -24,7 +24,7 @@ from gaussray.render.aov.programs import (
     view_program,
 )
 from gaussray.render.camera_layout import pack_camera
-from gaussray.render.list_sizes import enlarge_staged_capacity
+from gaussray.render.list_sizes import enlarge_program_capacity
 from gaussray.render.parts import Part
 from gaussray.render.picture_programs import lists_program, motion_program
 from gaussray.tracer.options import TraceOptions, on_kernel
@@ -166,7 +166,7 @@ def _surfaces(
                 return _Surfaces(labels, rays, ready, lists), capacity
             report = shorter
         needed = [int(n) for n in np.asarray(report[0])[0]]
-        capacity = enlarge_staged_capacity(capacity, needed)
+        capacity = enlarge_program_capacity(capacity, needed, staged=True)
 
 
 def _motion_labels(

@@ -103,25 +103,27 @@ class FreeSpace:
         least = clearance * self.length
         for moment in sorted({moments.min() - half, 0.0, moments.max() + half}):
             moved = eqx.tree_at(lambda c: c.time, camera, np.float32(time + moment))
-            place = np.asarray(rotation_and_position(moved)[1], np.float64)
-            if not self._is_free(place, time + moment, least):
+            position = np.asarray(rotation_and_position(moved)[1], np.float64)
+            if not self._is_free(position, time + moment, least):
                 raise ObstructedError(
-                    f"its camera at {np.round(place, 3).tolist()} stands in an object, behind one "
-                    f"or nearer than {least:.3g} scene units to one (dataset.clearance = "
+                    f"its camera at {np.round(position, 3).tolist()} stands in an object, behind "
+                    f"one or nearer than {least:.3g} scene units to one (dataset.clearance = "
                     f"{clearance:g} of {self.length:.3g}, the usual distance of what is seen)."
                 )
 
-    def _is_free(self, place: np.ndarray, time: float, clearance: float) -> bool:
-        distance = np.linalg.norm(self._known - place, axis=1)
+    def _is_free(self, position: np.ndarray, time: float, clearance: float) -> bool:
+        distance = np.linalg.norm(self._known - position, axis=1)
         if len(distance) and distance.min() < _SAME_PLACE:
             return True
         matter = self._matter(round(time, 6))
-        around = place + clearance * even_directions(_DIRECTIONS)
-        near = np.linalg.norm(matter.mean - place, axis=1) < matter.reach + clearance
-        if (self._light(_part(matter.gaussians, near), place, around) < _CLEAR).any():
+        around = position + clearance * even_directions(_DIRECTIONS)
+        near = np.linalg.norm(matter.mean - position, axis=1) < matter.reach + clearance
+        if (self._light(_part(matter.gaussians, near), position, around) < _CLEAR).any():
             return False
         witnesses = self._known[np.argsort(distance)[:_WITNESSES]]
-        seen = (self._light(matter.gaussians, place, end[None])[0] >= _CLEAR for end in witnesses)
+        seen = (
+            self._light(matter.gaussians, position, end[None])[0] >= _CLEAR for end in witnesses
+        )
         return not len(witnesses) or any(seen)
 
     def _light(

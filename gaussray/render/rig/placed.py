@@ -155,11 +155,11 @@ def _path_of_file(file: str, times: tuple[float, float]) -> Trajectory:
     if not file:
         raise ValueError("camera=path needs camera.file, a file of camera poses.")
     first, last = times
-    knots, quat, place = read_path(file)
+    knots, quat, position = read_path(file)
     if len(knots) > 1:
         knots = first + (knots - knots[0]) / (knots[-1] - knots[0]) * (last - first)
-    knots, quat, place = (to_device(x, jnp.float32) for x in (knots, quat, place))
-    return Trajectory(knots, quat, place)
+    knots, quat, position = (to_device(x, jnp.float32) for x in (knots, quat, position))
+    return Trajectory(knots, quat, position)
 
 
 def _placement(
@@ -168,7 +168,7 @@ def _placement(
     """Eye, target and up: those of the options, otherwise from the capture or the scene."""
     eye, target, up = (np.array(x, float) for x in (options.eye, options.target, options.up))
     poses = [pose_at(camera.trajectory, camera.time) for camera in cameras]
-    place = np.array([np.asarray(pose.translation, float) for pose in poses]).reshape(-1, 3)
+    position = np.array([np.asarray(pose.translation, float) for pose in poses]).reshape(-1, 3)
     if not len(up):
         turn = [np.asarray(rotation_matrix(pose.quat), float) for pose in poses]
         up = _upright(np.array(turn)) if turn else _Z_UP
@@ -176,7 +176,7 @@ def _placement(
         middle, radius = bounding_ball(scene)
         target = target if len(target) else middle
         if not len(eye):
-            near = _near_position(place, target, up)
+            near = _near_position(position, target, up)
             eye = _viewpoint(target, radius, up, base) if near is None else near
     return eye, target, up
 
@@ -198,20 +198,20 @@ def _upright(rotation: Float[np.ndarray, "cameras 3 3"]) -> Float[np.ndarray, "3
 
 
 def _near_position(
-    place: Float[np.ndarray, "cameras 3"],
+    position: Float[np.ndarray, "cameras 3"],
     target: Float[np.ndarray, "3"],
     up: Float[np.ndarray, "3"],
 ) -> Float[np.ndarray, "3"] | None:
     """The position of a camera than which a quarter of all are nearer to the axis of the orbit:
     inside a room, the orbit then does not leave it. None if all cameras are on the axis."""
-    if not len(place):
+    if not len(position):
         return None
-    offset = place - target
+    offset = position - target
     # `look_at` refuses an up of zero.
     level = offset - np.outer(offset @ up, up) / ((up @ up) or 1.0)
     distance = np.linalg.norm(level, axis=1)
     chosen = int(np.argsort(distance)[len(distance) // 4])
-    return place[chosen] if distance[chosen] > 1e-3 * np.linalg.norm(offset[chosen]) else None
+    return position[chosen] if distance[chosen] > 1e-3 * np.linalg.norm(offset[chosen]) else None
 
 
 def bounding_ball(scene: Scene | Clip) -> tuple[Float[np.ndarray, "3"], float]:

@@ -128,7 +128,7 @@ def _path(
     if options.kind == "path":
         if not options.file:
             raise ValueError("trajectory.kind=path needs trajectory.file, a file of camera poses.")
-        times, quat, place = read_path(options.file)
+        times, quat, position = read_path(options.file)
         if options.clock not in CLOCKS:
             raise ValueError(
                 f"trajectory.clock must be one of {', '.join(CLOCKS)}, got {options.clock!r}."
@@ -144,10 +144,12 @@ def _path(
                 "trajectory.kind=between needs at least two cameras; name them in camera.names."
             )
         poses = [pose_at(camera.trajectory, camera.time) for camera in cameras]
-        quat, place = (jnp.stack([getattr(p, k) for p in poses]) for k in ("quat", "translation"))
+        quat, position = (
+            jnp.stack([getattr(p, k) for p in poses]) for k in ("quat", "translation")
+        )
         times = jnp.linspace(first, last, len(cameras))
-    times, quat, place = (_float32(x) for x in (times, quat, place))
-    path = Trajectory(times, quat, place, options.interpolation)
+    times, quat, position = (_float32(x) for x in (times, quat, position))
+    path = Trajectory(times, quat, position, options.interpolation)
     return path, np.linspace(first, last, options.steps).astype(np.float32)
 
 

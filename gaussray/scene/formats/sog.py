@@ -110,8 +110,8 @@ def _gaussians(path: Path, meta: Any, texture: Texture) -> Gaussians:
         raise ValueError(f"{path}: count must be at least 1, got {count!s:.80}.")
     within(path, "the millions of Gaussians", count, "points", 1e6)
 
-    def columns(key: str, place: int = 0) -> np.ndarray:
-        pixels, _ = texture(_file(path, meta, key, place))
+    def columns(key: str, index: int = 0) -> np.ndarray:
+        pixels, _ = texture(_file(path, meta, key, index))
         if len(pixels) < count:
             raise ValueError(f"{path}: {key} must have {count} pixels, got {len(pixels)}.")
         return pixels[:count]
@@ -134,12 +134,12 @@ def _gaussians(path: Path, meta: Any, texture: Texture) -> Gaussians:
     return Gaussians(*(jnp.asarray(value, jnp.float32) for value in values))
 
 
-def _file(path: Path, meta: dict[str, Any], key: str, place: int) -> str:
+def _file(path: Path, meta: dict[str, Any], key: str, index: int) -> str:
     block = meta.get(key)
     files = block.get("files") if isinstance(block, dict) else None
-    if not isinstance(files, list) or len(files) <= place or not isinstance(files[place], str):
+    if not isinstance(files, list) or len(files) <= index or not isinstance(files[index], str):
         raise ValueError(f"{path}: {key}.files must name its pictures.")
-    return files[place]
+    return files[index]
 
 
 def _numbers(path: Path, block: dict[str, Any], key: str, count: int) -> Float[np.ndarray, " n"]:

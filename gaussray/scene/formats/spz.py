@@ -192,13 +192,13 @@ def _warn_of_range(path: Path | str, parts: Sequence[np.ndarray]) -> None:
         for i, name in names.items()
         if parts[i].size
     }
-    told = [
+    losses = [
         f"{name} of {100 * share:.3g} % of the Gaussians" for name, share in beyond.items() if share
     ]
-    if told:
+    if losses:
         warnings.warn(
-            f"{path}: SPZ has no room for {' and '.join(told)}: they are cut to what it can hold. "
-            "Use PLY where they matter.",
+            f"{path}: SPZ has no room for {' and '.join(losses)}: they are cut to what it can "
+            "hold. Use PLY where they matter.",
             stacklevel=3,
         )
 
@@ -218,8 +218,8 @@ def _gunzip(path: Path | str) -> bytes:
 
 
 def _gaussians(columns: list[np.ndarray], bits: int, version: int, rest: int) -> Gaussians:
-    place, alpha, color, size, turn, others = columns
-    parts = place.reshape(-1, 3, 3).astype(np.int32)
+    position, alpha, color, size, turn, others = columns
+    parts = position.reshape(-1, 3, 3).astype(np.int32)
     fixed = parts[..., 0] | parts[..., 1] << 8 | parts[..., 2] << 16
     mean = np.where(fixed >= 1 << 23, fixed - (1 << 24), fixed) / 2.0**bits * _FLIP
     quat = _three_component_quaternions(turn) if version == 2 else _unpack_quaternions(turn)

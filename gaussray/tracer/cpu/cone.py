@@ -41,7 +41,7 @@ def bounding_cones(bundles: Bundles) -> Float[Array, "bundles numbers"]:
     toward = jnp.sum(sides * axis[:, None], axis=-1)
     across = sides - toward[..., None] * axis[:, None]
     length = jnp.linalg.norm(across, axis=-1)
-    some = jnp.all(length > 0, axis=-1) & jnp.all(toward > 0, axis=-1)
+    closed = jnp.all(length > 0, axis=-1) & jnp.all(toward > 0, axis=-1)
     length = jnp.where(length > 0, length, 1)
     # The plane of a side: u, or v, is its slope times the depth along the axis, plus `rest`.
     sign = jnp.asarray([1, -1, 1, -1], axis.dtype)
@@ -59,9 +59,9 @@ def bounding_cones(bundles: Bundles) -> Float[Array, "bundles numbers"]:
     edges = jnp.stack(
         [axis + slope[:, i, None] * u + slope[:, j, None] * v for i, j in _AROUND], axis=1
     )
-    some = some & jnp.all(jnp.isfinite(apex), axis=-1)
-    edges = jnp.where(some[:, None, None], normalize(edges), 0)
-    apex = jnp.where(some[:, None], apex, 0)
+    closed = closed & jnp.all(jnp.isfinite(apex), axis=-1)
+    edges = jnp.where(closed[:, None, None], normalize(edges), 0)
+    apex = jnp.where(closed[:, None], apex, 0)
     return jnp.concatenate([apex, edges.reshape(-1, 12)], axis=1)
 
 

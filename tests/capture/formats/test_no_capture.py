@@ -21,15 +21,16 @@ QUALISYS = '<cameras><camera serial="1"><transform x="1"/><intrinsic x="1"/></ca
 KALIBR = "cam0:\n  camera_model: pinhole\n"
 PANOPTIC = json.dumps({"cameras": [{"name": "a", "K": [], "R": []}]})
 RUN = json.dumps({"command": "gaussray prepare videos=a out=b"})
-SHOTS = json.dumps([{"shots": {}, "cameras": {}}])
 
 
 @pytest.mark.parametrize(
     ("files", "told"),
     [
-        ([("reconstruction.json", SHOTS), ("images/a.jpg", "")], "OpenSfM are not read"),
-        ([("cameras.sfm", "{}")], "`aliceVision_exportColmap` converts .* videos=PICTURES"),
-        ([("sfm_data.json", '{"extrinsics": []}')], "openMVG_main_openMVG2Colmap"),
+        (
+            [("sfm.abc", ""), ("images/a.jpg", "")],
+            "convertSfMFormat -i sfm.abc -o cameras.sfm`. Or .* videos={}/images",
+        ),
+        ([("sfm_data.bin", "")], "ConvertSfM_DataFormat -i sfm_data.bin -o sfm_data.json`. Or"),
         ([("sparse/0/cameras.bin", "")], "cameras.bin of COLMAP's model without images.bin"),
         ([("cameras.txt", "")], "cameras.txt of COLMAP's model without images.txt"),
         ([("a.MP4", "")], "prepare videos={} out=OUT` finds"),

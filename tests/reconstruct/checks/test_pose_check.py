@@ -94,7 +94,7 @@ WRITTEN = {
 def test_details_tell_how_poses_must_be_read(shown, reading):
     found = pose_check(shown(reading or "right", WRITTEN[reading]))
     near = found.near
-    assert near.matches >= checked._FEWEST and near.others.keys() == REMEDIES.keys()
+    assert near.matches >= checked.TELLING_MATCHES and near.others.keys() == REMEDIES.keys()
     errors = {"": near.error, **near.others}
     if reading:
         assert found.reading == reading and errors[reading] < PIXELS < 5 * PIXELS < near.error
@@ -120,8 +120,8 @@ def test_turned_pairs_leave_out_views_that_look_the_same_way():
         [[[np.cos(a), 0, np.sin(a)], [0, 1, 0], [-np.sin(a), 0, np.cos(a)]] for a in angles]
     )
     eye = np.stack([angles, 0 * angles, 0 * angles], axis=1)
-    assert checked._pairs(turns, eye, 1.0) == [(0, 1), (2, 3)]
-    assert checked._pairs(turns, eye, checked._TURNED) == [(0, 2), (1, 2), (1, 3)]
+    assert checked.nearest_pairs(turns, eye, 1.0) == [(0, 1), (2, 3)]
+    assert checked.nearest_pairs(turns, eye, checked.TURNED_COSINE) == [(0, 2), (1, 2), (1, 3)]
 
 
 def test_poses_of_something_else_fit_in_no_reading(shown):
@@ -137,7 +137,7 @@ def test_poses_of_something_else_fit_in_no_reading(shown):
 def test_nothing_is_said_of_pictures_without_details(shown, monkeypatch):
     monkeypatch.setattr(checked, "_DETAILS", 6)
     found = pose_check(shown("few", WRITTEN["opencv"]))
-    assert found.near.matches < checked._FEWEST and found.sentence == ""
+    assert found.near.matches < checked.TELLING_MATCHES and found.sentence == ""
 
 
 @pytest.mark.parametrize(

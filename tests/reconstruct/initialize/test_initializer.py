@@ -10,6 +10,7 @@ from gaussray.capture.errors import CaptureWarning
 from gaussray.capture.points import Points
 from gaussray.reconstruct.initialize import initializer
 from gaussray.reconstruct.options import FitOptions
+from gaussray.runtime.progress import no_report
 
 
 GIVEN, MATCHED, RANDOM, GUESSED = 40, 300, 64, 48
@@ -39,7 +40,9 @@ def started(monkeypatch):
         monkeypatch.setattr(initializer, "points_at_guessed_distances", plain)
         capture = SimpleNamespace(points=given)
         options = FitOptions(start=word, points=points, outliers=0.0)
-        return inspect.unwrap(initializer.initial_points)(capture, None, options, None)
+        return inspect.unwrap(initializer.initial_points)(
+            capture, None, options, lambda name: no_report
+        )
 
     return start
 

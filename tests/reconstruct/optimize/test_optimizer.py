@@ -293,11 +293,14 @@ def test_any_number_of_points_is_a_start(count):
         assert np.isfinite(leaf).all() and leaf.dtype == jnp.float32
 
 
-def test_points_that_coincide_are_a_start():
-    start = on_points(np.zeros((9, 3), np.float32), np.zeros((9, 3), np.float32), degree=0,
-                      opacity=0.8)  # fmt: skip
+def test_points_that_coincide_are_a_start_of_equal_gaussians():
+    place, color = np.full((9, 3), 2.0, np.float32), np.full((9, 3), 0.25, np.float32)
+    start = on_points(place, color, degree=0, opacity=0.8)
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(start))
-    assert (np.asarray(start.scale) > 0).all()
+    assert (np.asarray(start.scale) > 0).all() and np.ptp(start.scale, axis=0).max() == 0
+    np.testing.assert_array_equal(start.mean, place)
+    np.testing.assert_allclose(start.opacity, 0.8, rtol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(start.quat, axis=1), 1, rtol=1e-6)
 
 
 def test_a_random_start_lies_where_all_cameras_look():

@@ -12,7 +12,7 @@ from gaussray.camera.focus_pull import FocusPull
 from gaussray.camera.lens.division import Division
 from gaussray.camera.shutter import interlaced_row_times
 from gaussray.render import picture_programs
-from gaussray.render.aov import labeller as labels_of_frames, programs
+from gaussray.render.aov import labeller as labels_of_frames, programs, trace
 from gaussray.render.aov.labeller import LABELS, PICTURE_LABELS, Labeller, check_labels
 from gaussray.render.list_sizes import default_capacity
 from gaussray.render.options import RenderOptions
@@ -345,15 +345,20 @@ def test_labels_in_strips_are_the_labels(monkeypatch):
         np.testing.assert_allclose(strips[name], whole[name], rtol=0, atol=SAME, err_msg=name)
 
 
-def test_lists_that_are_too_short_grow_until_nothing_is_lost():
+def test_lists_that_are_too_short_grow_until_nothing_is_lost(monkeypatch):
     scene = Scene(plates.plate(3.0), plates.NOTHING, None, toy.single([0, 1]))
-    made = labeller(scene, samples=1)
-    expected = made(plates.camera(0.0), SOME)
-    (key,) = made._capacity
-    short = dataclasses.replace(made._capacity[key], pairs=16, slots=4)
-    made._capacity[key] = short
-    again = made(plates.camera(0.0), SOME)
-    assert made._capacity[key].pairs > short.pairs and made._capacity[key].slots > short.slots
+    expected = labels(scene, plates.camera(0.0), SOME)
+    grown, enlarge = [], trace.enlarge_program_capacity
+
+    def noted(*sizes, **options):
+        grown.append(enlarge(*sizes, **options))
+        return grown[-1]
+
+    short = Capacity((512,) * (TRACE.levels + 1), 16, 4)
+    monkeypatch.setattr(labels_of_frames, "default_capacity", lambda *_: short)
+    monkeypatch.setattr(trace, "enlarge_program_capacity", noted)
+    again = labels(scene, plates.camera(0.0), SOME)
+    assert grown and grown[-1].pairs > short.pairs and grown[-1].slots > short.slots
     for name in SOME:
         np.testing.assert_array_equal(again[name], expected[name])
 

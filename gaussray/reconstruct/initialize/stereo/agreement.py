@@ -5,7 +5,6 @@ plain or blurred surfaces have nothing to match. Colours averaged over large pix
 pixel is where the others that see the place differ least from it.
 """
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -19,6 +18,7 @@ from gaussray.reconstruct.initialize.stereo.views import (
     seen_at,
     unpacked,
 )
+from gaussray.runtime.stored_programs import kept_jit
 
 
 # Distances that are looked at, in median distances between two cameras, and how many.
@@ -60,7 +60,7 @@ def agreeing_distance(
     return depth[np.asarray(best)] * np.exp(dice.uniform(-half, half, views.size))
 
 
-@eqx.filter_jit
+@kept_jit
 def _agreeing(
     views: StereoViews,
     i: Int[Array, ""],

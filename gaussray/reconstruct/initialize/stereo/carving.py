@@ -6,9 +6,9 @@ something of another colour. Such points are removed, the nearest ones first; wh
 is judged after them. A start with them is a fog that a fit takes thousands of steps to clear.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -21,6 +21,7 @@ from gaussray.reconstruct.initialize.stereo.views import (
     seen_at,
     unpacked,
 )
+from gaussray.runtime.stored_programs import kept_jit
 
 
 # Difference of a channel (of 1) from which on a picture contradicts a point, if no pixel beside the
@@ -46,6 +47,7 @@ def contradicted(
     *,
     fixed: Float[np.ndarray, "fixed 3"] | None = None,
     plain: BackdropColor | None = None,
+    report: Callable[[int], object] = lambda done: None,
 ) -> Bool[np.ndarray, " points"]:
     """Which points too many pictures contradict: more than half as many as confirm them, and one.
 
@@ -59,6 +61,7 @@ def contradicted(
         color: theirs, sRGB-encoded, in 0..1.
         fixed: points that hide others and stay.
         plain: the colour of a backdrop, which confirms nothing: it is seen without a point, too.
+        report: called with the number of pictures compared.
     """
     count, fixed = len(position), np.zeros((0, 3)) if fixed is None else fixed
     total = count + len(fixed)
@@ -72,7 +75,7 @@ def contradicted(
     backed = np.zeros(total, bool)
     if plain is not None:
         backed[:count] = like_backdrop(color, plain)
-    looks = _looks(views, jnp.asarray(place), jnp.asarray(shade), total)
+    looks = _looks(views, jnp.asarray(place), jnp.asarray(shade), total, report)
     for _ in range(_ROUNDS):
         confirmed, against = (np.zeros(total, np.int32) for _ in range(2))
         for look in looks:
@@ -100,7 +103,9 @@ class _Look(NamedTuple):
     cells: int
 
 
-def _looks(views: StereoViews, place: Array, shade: Array, total: int) -> list[_Look]:
+def _looks(
+    views: StereoViews, place: Array, shade: Array, total: int, report: Callable[[int], object]
+) -> list[_Look]:
     """How every picture sees the points."""
     h, w = views.size
     looks = []
@@ -120,6 +125,7 @@ def _looks(views: StereoViews, place: Array, shade: Array, total: int) -> list[_
         looks.append(
             _Look(index, cell.astype(np.int32), away[index], differs[index], across * -(-h // side))
         )
+        report(i + 1)
     return looks
 
 
@@ -131,7 +137,7 @@ def _visible(look: _Look, keep: Bool[np.ndarray, " points"]) -> Bool[np.ndarray,
     return here & (look.away <= _BEHIND * nearest[look.cell])
 
 
-@eqx.filter_jit
+@kept_jit
 def _seen(
     views: StereoViews, i: Int[Array, ""], place: Float[Array, "n 3"], shade: Float[Array, "n 3"]
 ) -> tuple[Array, Array, Array, Array, Array]:
@@ -144,7 +150,7 @@ def _seen(
     return column, row, away, inside & counts, color - shade
 
 
-@eqx.filter_jit
+@kept_jit
 def _differs(
     pixel: Int[Array, "h w"],
     column: Float[Array, " n"],

@@ -31,6 +31,7 @@ from gaussray.reconstruct.initialize.stereo.points import StereoPoints, no_point
 from gaussray.reconstruct.initialize.stereo.silhouette import silhouette_points
 from gaussray.reconstruct.initialize.stereo.velocity import point_motion
 from gaussray.reconstruct.initialize.stereo.views import StereoViews, stereo_views
+from gaussray.runtime.progress import ProgressReport, no_report
 
 
 # Residual of a registration from which on a velocity is not believed.
@@ -43,7 +44,6 @@ _SMALL = 33_000
 T = TypeVar("T")
 U = TypeVar("U")
 
-StereoReport = Callable[[int, int], object]
 # Which pixels of a frame move; None where that is not known.
 MovingPixels = Callable[[int], Bool[np.ndarray, "h w"] | None]
 
@@ -91,7 +91,7 @@ def points_from_pictures(
     options: StereoOptions | None = None,
     known: Points | None = None,
     moving: bool = True,
-    report: StereoReport = lambda done, total: None,
+    report: ProgressReport = no_report,
 ) -> Points:
     """Points of the surfaces that training pictures show: of all that stands still, and of what
     moves as it is at the first timestamp.
@@ -102,7 +102,8 @@ def points_from_pictures(
         known: points that are there already (of a structure from motion, say): they narrow the
             distances down.
         moving: whether what moves gets points, too.
-        report: called with the number of steps done and their total.
+        report: called with the number of steps done and their total: for what stands still, three
+            for each picture.
 
     Returns:
         Positions in the world and linear colours; none where fewer than two views overlap.
@@ -116,26 +117,35 @@ def points_from_pictures(
     first = None
     if moving:
         first = moving_views(footage, float(footage.times.min()), MedianMasks(footage))
-    steps = 2 * len(still.frames), 2 * (0 if first is None else len(first[0].frames))
+    pictures = len(still.frames) if len(still.frames) > 1 else 0
+    steps = 3 * pictures + 2 * (0 if first is None else len(first[0].frames))
+    if steps:
+        report(0, steps, "loads or compiles its programs")
     parts = []
-    if len(still.frames) > 1:
+    if pictures:
         matched = stereo_points(
             *still[:1],
             still.cameras,
             still.masks,
             options=options,
             known=position,
-            report=lambda done: report(done, sum(steps)),
+            report=lambda done: report(done, steps),
         )
         plain = backdrop_of(footage)
-        wrong = contradicted(small_views(still), matched.position, matched.color, plain=plain)
+        wrong = contradicted(
+            small_views(still),
+            matched.position,
+            matched.color,
+            plain=plain,
+            report=lambda done: report(2 * pictures + done, steps),
+        )
         parts.append(StereoPoints(*(x[~wrong] for x in matched)))
     if first is not None:
         parts.append(
             _moving(
                 *first,
                 options,
-                report=lambda done: report(steps[0] + done, sum(steps)),
+                report=lambda done: report(3 * pictures + done, steps),
             )
         )
     found = StereoPoints(*(np.concatenate(x) for x in zip(no_points(), *parts, strict=True)))
@@ -150,7 +160,7 @@ def moving_points(
     options: StereoOptions | None = None,
     known: Float[np.ndarray, "known 3"] | None = None,
     alone: Callable[[int], StereoPoints] | None = None,
-    report: StereoReport = lambda done, total: None,
+    report: ProgressReport = no_report,
 ) -> list[MovingPoints]:
     """Points of what moves at each timestamp, with velocities towards the next one (for the last,
     from the one before).

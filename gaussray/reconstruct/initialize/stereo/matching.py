@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from typing import TypeVar
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -25,6 +24,7 @@ from gaussray.reconstruct.initialize.stereo.views import (
     stereo_views,
     unpacked,
 )
+from gaussray.runtime.stored_programs import kept_jit
 
 
 T = TypeVar("T")
@@ -158,7 +158,7 @@ def matched(
     return _matched(views, jnp.asarray(rows), around, levels, part, options)
 
 
-@eqx.filter_jit
+@kept_jit
 def _matched(
     views: StereoViews,
     rows: Int[Array, " rows"],
@@ -244,7 +244,7 @@ def _row(tree: T, k: int | Int[Array, ""]) -> T:
     return jax.tree.map(lambda x: x[k], tree)
 
 
-@eqx.filter_jit
+@kept_jit
 def _checked(
     views: StereoViews,
     rows: Int[Array, " rows"],

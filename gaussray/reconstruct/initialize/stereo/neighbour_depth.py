@@ -5,7 +5,6 @@ something, or is fastened to it: the nearest of what stands still around a group
 is about as far away as the group.
 """
 
-import equinox as eqx
 import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float
@@ -14,6 +13,7 @@ from skimage.measure import label
 
 from gaussray.reconstruct.initialize.stereo.points import StereoPoints, no_points
 from gaussray.reconstruct.initialize.stereo.views import Channels, StereoViews, rays, unpacked
+from gaussray.runtime.stored_programs import kept_jit
 
 
 # Pixels between a group of moving pixels and what is beside it, and width of the latter.
@@ -78,7 +78,7 @@ def points_beside(
     )
 
 
-@eqx.filter_jit
+@kept_jit
 def _rays_and_colors(view: StereoViews) -> tuple[Float[Array, "3 h w"], Channels]:
     """Viewing directions and colours of all pixels of a view; one program."""
     ray = rays(view.lens, view.world_from_camera, view.size, view.factor)

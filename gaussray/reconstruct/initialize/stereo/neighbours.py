@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from gaussray.reconstruct.initialize.stereo.views import StereoViews, rays, seen_at
+from gaussray.runtime.stored_programs import kept_jit
 
 
 # Rays along each side of a picture, and distances, at which views are compared; the distances lie
@@ -102,7 +103,7 @@ def _one(views, i, distance, count, spread, known):
     return best, nearest, farthest, step
 
 
-@eqx.filter_jit
+@kept_jit
 def _overlap(views: StereoViews, i: Int[Array, ""], distance: Float[Array, " steps"]):
     """Whether each view sees the points at these distances on a grid of one view's rays, and the
     angle between the two rays there and the ratio of the two distances: [views, rays, steps] each,
@@ -137,7 +138,7 @@ def _narrowed(views, i, known, nearest, farthest):
     return min(nearest, 1.5 / low), max(farthest, 0.5 / high)
 
 
-@eqx.filter_jit
+@kept_jit
 def _seen_known(views: StereoViews, i: Int[Array, ""], known: Float[Array, "known 3"]):
     """How far known points are from a view, and which of them it sees."""
     point = known.T.astype(views.origin.dtype)

@@ -121,7 +121,7 @@ def refine(
         return with_cheaper(surface, hypothesis), None
 
     inverse, normal = (pixels.listed(x) for x in (candidates.inverse, candidates.normal))
-    surface = Surface(inverse[0], normal[0], jnp.full_like(inverse[0], 2))
+    surface = Surface(inverse[0], normal[0], 0 * inverse[0] + 2)
     surface, _ = jax.lax.scan(pick, surface, (inverse, normal))
     table = jnp.asarray(moves(options.rounds), ray.dtype)
     surface, _ = jax.lax.scan(move, surface, table)
@@ -247,7 +247,10 @@ class _Patch:
     def _mean(self, tap, packed):
         """Mean of what `tap` says of every place of a window and the packed pixels there."""
         kind = jax.eval_shape(tap, self.taps[0], packed[0])
-        empty = jax.tree.map(lambda like: jnp.zeros(like.shape, like.dtype), kind)
+        # From `packed`, as in the sweep: the loop is traced once.
+        empty = jax.tree.map(
+            lambda like: jnp.broadcast_to(0 * packed[0], like.shape).astype(like.dtype), kind
+        )
 
         def add(whole, place):
             return jax.tree.map(jnp.add, whole, tap(*place)), None

@@ -7,7 +7,6 @@ ray at which it does, and which most pictures see, the one is taken at which the
 pictures differ least.
 """
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -23,6 +22,7 @@ from gaussray.reconstruct.initialize.stereo.views import (
     seen_at,
     unpacked,
 )
+from gaussray.runtime.stored_programs import kept_jit
 
 
 # Pixels of a view whose rays are looked along, and distances on each; these lie between so many
@@ -82,7 +82,7 @@ def silhouette_points(
     return StereoPoints(*whole)
 
 
-@eqx.filter_jit
+@kept_jit
 def _along_rays(
     views: StereoViews,
     i: Int[Array, ""],

@@ -92,8 +92,9 @@ def sweep_planes(
 def _minima(cost_at, count, like, modes):
     """Levels [modes, h, w] of the lowest local minima over `count` levels, and their costs, the
     lowest first; 2 where there are fewer minima."""
-    high = jnp.full_like(like, 2)
-    empty = jnp.zeros((modes, *like.shape), like.dtype)
+    # From `like`: with views of a batch in it from the start, the loop is traced once.
+    high = 0 * like + 2
+    empty = jnp.stack([0 * like] * modes)
 
     def body(level, carry):
         before, last, kept, costs = carry

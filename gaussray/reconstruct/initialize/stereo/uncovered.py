@@ -9,7 +9,6 @@ Before a plain backdrop (a studio's, or what transparent pixels are composited o
 the air around things with Gaussians that hide them from other sides. Rays that see it get none.
 """
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -35,6 +34,8 @@ from gaussray.reconstruct.initialize.stereo.views import (
     stereo_views,
     unpacked,
 )
+from gaussray.runtime.progress import ProgressReport, no_report
+from gaussray.runtime.stored_programs import kept_jit
 
 
 # Sides of cells of which each is to hold a point, in pixels of `small_views`.
@@ -54,6 +55,7 @@ def uncovered_points(
     count: int,
     seed: int,
     plain: BackdropColor | None = None,
+    report: ProgressReport = no_report,
 ) -> Points:
     """A point for every cell of a picture in which none of the points lies, unless other pictures
     contradict it (`carving.contradicted`).
@@ -65,6 +67,7 @@ def uncovered_points(
             pixels of a reduced picture wide.
         seed: of the choice of pixels and distances.
         plain: the colour of a backdrop, which gets no points; None if there is none.
+        report: called with the number of pictures looked at, and of all.
     """
     seen = some_views(seen, VIEWS)
     views, side = _with_cells(seen, count)
@@ -76,9 +79,11 @@ def uncovered_points(
     every[: len(position)] = position
     colors, filled, usual = [], len(position), typical_spread(views)
     for i in range(len(seen.frames)):
+        report(i, len(seen.frames))
         dice = np.random.default_rng([seed, i, 4])
-        column, row, away, inside, ray, color, visible = jax.device_get(
-            _looked_at(views, jnp.asarray(i), jnp.asarray(every))
+        number = jnp.asarray(i)
+        (column, row, away, inside), (ray, color, visible) = jax.device_get(
+            (_places(views, number, jnp.asarray(every)), _shown(views, number))
         )
         nearest = _nearest(column[inside], row[inside], away[inside], cells, side)
         empty = ~np.isfinite(nearest)
@@ -99,6 +104,7 @@ def uncovered_points(
         every[filled : filled + number] = place[shown]
         colors.append(shade[shown])
         filled += number
+    report(len(seen.frames), len(seen.frames))
     color = np.concatenate([np.zeros((0, 3)), *colors])
     found = every[len(position) : filled]
     right = ~contradicted(views, found, color.astype(np.float32), fixed=position, plain=plain)
@@ -129,8 +135,9 @@ def coverage(
     cells = views.size[0] // side, views.size[1] // side
     held = total = 0
     for i in range(len(seen.frames)):
-        column, row, away, inside, ray, color, mask = jax.device_get(
-            _looked_at(views, jnp.asarray(i), jnp.asarray(position))
+        number = jnp.asarray(i)
+        (column, row, away, inside), (ray, color, mask) = jax.device_get(
+            (_places(views, number, jnp.asarray(position)), _shown(views, number))
         )
         shown = mask & np.any(ray != 0, axis=0)
         if plain is not None:
@@ -173,11 +180,11 @@ def hiding(
     hides = np.zeros(len(more), bool)
     for i in range(len(seen.frames)):
         hides |= np.linalg.norm(more - np.asarray(views.origin[i]), axis=1) < _CLEAR * size
-        column, row, away, inside, *_ = jax.device_get(_looked_at(views, jnp.asarray(i), known))
+        column, row, away, inside = jax.device_get(_places(views, jnp.asarray(i), known))
         nearest = _nearest(column[inside], row[inside], away[inside], cells, side)
         if not np.isfinite(nearest).any():
             continue
-        column, row, away, inside, *_ = jax.device_get(_looked_at(views, jnp.asarray(i), balls))
+        column, row, away, inside = jax.device_get(_places(views, jnp.asarray(i), balls))
         y, x = (
             np.clip(np.where(inside, place, 0).astype(int) // side, 0, number - 1)
             for place, number in zip((row, column), cells, strict=True)
@@ -219,16 +226,20 @@ def _with_gaps_filled(
     return nearest[beside[0], beside[1]]
 
 
-@eqx.filter_jit
-def _looked_at(
+@kept_jit
+def _places(
     views: StereoViews, i: Int[Array, ""], position: Float[Array, "points 3"]
-) -> tuple[Array, ...]:
-    """Column, row and distance at which a view sees points, whether it does, its rays and colours,
-    and which of its pixels count."""
-    own = views[i]
-    alone = jax.tree.map(lambda x: x[None], own)
+) -> tuple[Array, Array, Array, Array]:
+    """Column, row and distance at which a view sees points, and whether it does."""
+    alone = views[i[None]]
     column, row, inside = seen_at(alone, position.T)
+    return column[0], row[0], distance_from(alone, position.T)[0], inside[0]
+
+
+@kept_jit
+def _shown(views: StereoViews, i: Int[Array, ""]) -> tuple[Array, Array, Array]:
+    """Rays and colours of the pixels of a view, and which of them count."""
+    own = views[i]
     ray = rays(own.lens, own.world_from_camera, own.size, own.factor)
-    channels, visible = unpacked(own.pixel, jnp.float32)
-    away = distance_from(alone, position.T)[0]
-    return column[0], row[0], away, inside[0], ray, jnp.stack(channels, axis=-1), visible
+    channels, visible = unpacked(own.pixel, ray.dtype)
+    return ray, jnp.stack(channels, axis=-1), visible

@@ -13,6 +13,7 @@ from gaussray.camera.lens import AbstractLens
 from gaussray.camera.shutter import sample_time
 from gaussray.camera.trajectory import pose_at
 from gaussray.geometry import rotation_matrix
+from gaussray.runtime.stored_programs import kept_jit
 
 
 # Levels of a colour channel in a packed pixel, and the bit that holds its mask.
@@ -96,7 +97,7 @@ def _packed(picture, mask, factor):
     return level[..., 0] | level[..., 1] << 10 | level[..., 2] << 20 | seen << _MASK_BIT
 
 
-@eqx.filter_jit
+@kept_jit
 def _posed(cameras: Camera, factor: int, size: tuple[int, int]):
     """Lenses, rotations, origins and pixel angles of stacked cameras."""
 

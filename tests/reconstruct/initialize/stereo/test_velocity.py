@@ -92,11 +92,19 @@ def test_a_cpu_matches_fewer_points():
     assert velocity_options("cpu").source < velocity_options("gpu").source
 
 
-def test_points_of_one_place_are_no_trouble():
-    here = cloud(np.ones((200, 3)), np.full((200, 3), 0.5))
-    for there in (here, cloud(*blob(1))):
-        for motion in (point_motion(here, there), point_motion(there, here)):
-            assert np.isfinite(motion.displacement).all() and np.isfinite(motion.residual).all()
+def test_points_of_one_place_move_as_one():
+    one = np.ones((200, 3))
+    here, (place, color) = cloud(one, np.full((200, 3), 0.5)), blob(1)
+    motion = point_motion(here, here, options=SMALL)
+    assert not motion.displacement.any() and not motion.residual.any()
+    motion = point_motion(here, cloud(place, color), options=SMALL)
+    assert np.ptp(motion.displacement, axis=0).max() == 0 and np.ptp(motion.residual) == 0
+    away = np.linalg.norm(one[:1] - place, axis=1).min()
+    assert np.linalg.norm(one[:1] + motion.displacement[:1] - place, axis=1).min() < away
+    motion = point_motion(cloud(place, color), here, options=SMALL)
+    away = np.linalg.norm(place - one[:1], axis=1).mean()
+    assert np.linalg.norm(place + motion.displacement - one[:1], axis=1).mean() < away
+    assert ((motion.residual >= 0) & (motion.residual <= 3)).all()
 
 
 def test_a_registration_without_an_answer_is_lost(monkeypatch):

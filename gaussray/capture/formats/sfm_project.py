@@ -1,0 +1,282 @@
+"""What readers of structure-from-motion projects share: lens types, blocks, poses and pictures."""
+
+import dataclasses
+import re
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path, PurePosixPath
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import DTypeLike, Float
+
+from gaussray.capture.capture import Capture
+from gaussray.capture.errors import CaptureError
+from gaussray.capture.formats.completion import completed
+from gaussray.capture.formats.json_keys import Keys
+from gaussray.capture.formats.poses import opengl_pose
+from gaussray.capture.formats.transforms import json_if_readable, views_of
+from gaussray.capture.picture_file import picture_exists
+from gaussray.capture.points import Points
+from gaussray.io.safe.files import opened
+from gaussray.io.safe.limits import within
+
+
+# Where programs count pixels from that call the middle of the first pixel 0: it is at 0.5 here.
+FIRST_PIXEL = 0.5
+# Largest difference of a rotation's columns from unit vectors at right angles.
+_ORTHOGONAL = 1e-3
+# Bytes at the start of a file that tell what it is; files that a message names.
+_HEAD, _NAMED = 100_000, 3
+
+
+class LensType(NamedTuple):
+    """A lens of another program: its `camera_model` here, and its coefficients in their order."""
+
+    camera_model: str
+    coefficients: tuple[str, ...] = ()
+
+
+# The lens types of OpenMVG, and of AliceVision, which began as a copy of it.
+LENS_TYPES = {
+    "pinhole": LensType("PINHOLE"),
+    "radial1": LensType("OPENCV", ("k1",)),
+    "radial3": LensType("OPENCV", ("k1", "k2", "k3")),
+    "brown": LensType("OPENCV", ("k1", "k2", "k3", "p1", "p2")),
+    "fisheye4": LensType("OPENCV_FISHEYE", ("k1", "k2", "k3", "k4")),
+}
+
+
+class Photograph(NamedTuple):
+    """A picture with its camera.
+
+    Args:
+        path: the picture's path, as the project has it.
+        lens: keys of its lens, as in a transforms.json.
+        turn: rotation, camera to world, of a camera with OpenCV's axes.
+        place: where the camera is.
+    """
+
+    path: str
+    lens: Mapping[str, Any]
+    turn: Float[np.ndarray, "3 3"]
+    place: Sequence[float]
+
+
+def lens_remedy(tool: str, export: str) -> str:
+    """What to do about a lens that cannot be read.
+
+    Args:
+        tool: the program.
+        export: its command that writes COLMAP's model.
+    """
+    return (
+        f"Undistort the pictures in {tool} and name the project of these, export it to COLMAP "
+        f"(`{export}`), or find poses anew with `gaussray prepare`."
+    )
+
+
+def begins_with(path: Path, pattern: bytes) -> bool:
+    """Whether the first 100,000 bytes of a file have a pattern; not if it cannot be read.
+
+    Args:
+        path: the file.
+        pattern: a regular expression that is searched for.
+    """
+    try:
+        with opened(path) as file:
+            return re.search(pattern, file.read(_HEAD)) is not None
+    except OSError:
+        return False
+
+
+def fullest_project(
+    paths: Sequence[Path], rank: Callable[[Path, Mapping], tuple[int, ...]]
+) -> Path | None:
+    """The JSON file that ranks highest, the first of several; None if there is no file.
+
+    Args:
+        paths: the files.
+        rank: of a file and its content, such as the number of its poses.
+    """
+    if len(paths) < 2:
+        return paths[0] if paths else None
+    contents = {path: json_if_readable(path) for path in paths}
+    ranks = {
+        path: rank(path, content) for path, content in contents.items() if isinstance(content, dict)
+    }
+    return max(ranks, key=ranks.__getitem__) if ranks else paths[0]
+
+
+def warn_of_projects(top: Keys, paths: Sequence[Path]) -> None:
+    """Name the other projects of a folder, which are not read.
+
+    Args:
+        top: the one that is read.
+        paths: all of them.
+    """
+    others = [str(path) for path in paths if path != top.file]
+    if others:
+        shown = ", ".join(others[:_NAMED]) + (" ..." if len(others) > _NAMED else "")
+        top.warn(
+            f"of {len(paths)} projects this one is read, and {shown} is not. Move it away to read "
+            "another."
+        )
+
+
+def listed_blocks(top: Keys, key: str, kind: str) -> list[Keys]:
+    """The blocks of keys in a list; none if the key is absent or an empty text, which AliceVision
+    writes for an empty list.
+
+    Args:
+        top: the block that has the list.
+        key: name of the list.
+        kind: what messages call one of its blocks.
+
+    Raises:
+        CaptureError: it is no list of blocks.
+    """
+    listed = top.values.get(key) or []
+    if not isinstance(listed, list):
+        raise top.error(key, "a list")
+    wrong = next((k for k, block in enumerate(listed) if not isinstance(block, dict)), None)
+    if wrong is not None:
+        raise Keys(top.file, {key: listed[wrong]}, wrong, top.prefix, kind).error(
+            key, "a list of blocks"
+        )
+    return [Keys(top.file, block, k, kind=kind) for k, block in enumerate(listed)]
+
+
+def block_in(keys: Keys, *names: str) -> Keys:
+    """A block of keys inside another.
+
+    Args:
+        keys: the outer block.
+        names: the keys that lead to it, from the outside.
+
+    Raises:
+        CaptureError: one of them is absent or names no block.
+    """
+    for name in names:
+        value = keys.values.get(name)
+        if not isinstance(value, dict):
+            raise keys.error(name, "a block of keys")
+        keys = dataclasses.replace(keys, values=value, prefix=f"{keys.prefix}{name}.")
+    return keys
+
+
+def rotation_in(keys: Keys, key: str, rows: Sequence[float]) -> Float[np.ndarray, "3 3"]:
+    """The rotation of nine finite numbers, row by row.
+
+    Args:
+        keys: the block that has it, for the message.
+        key: its name there.
+        rows: the numbers.
+
+    Raises:
+        CaptureError: the matrix is no rotation.
+    """
+    turn = np.reshape(np.asarray(rows, np.float64), (3, 3))
+    # Larger numbers would overflow in the product.
+    good = np.abs(turn).max() < 2 and np.abs(turn @ turn.T - np.eye(3)).max() < _ORTHOGONAL
+    if not good or np.linalg.det(turn) < 0:
+        raise keys.error(key, "a rotation: three unit vectors at right angles, right-handed")
+    return turn
+
+
+def project_capture(
+    folder: Path,
+    top: Keys,
+    listed: Sequence[Photograph | None],
+    points: Points | None,
+    dtype: DTypeLike,
+) -> Capture:
+    """The capture of a project's photographs, a still scene of which none is held out.
+
+    Pictures are sought in the folder, also where the project has the paths of another computer.
+
+    Args:
+        folder: the capture's folder.
+        top: the project's file, which lies in this folder or deeper.
+        listed: its photographs; None for each one without a pose, which is left out with a warning.
+        points: its points.
+        dtype: type of the cameras' numbers.
+
+    Raises:
+        CaptureError: no photograph has a pose, two are of one picture, or a camera is invalid.
+    """
+    within(top.file, "the pictures", len(listed), "frames")
+    posed = [photograph for photograph in listed if photograph is not None]
+    if not posed:
+        raise CaptureError(
+            f"{top.file}: at least one picture must have a pose, got none of {len(listed)}. Name "
+            "the folder of the project's file after structure from motion, or find poses with "
+            "`gaussray prepare`."
+        )
+    if len(posed) < len(listed):
+        top.warn(f"{len(listed) - len(posed)} of {len(listed)} pictures have no pose: left out.")
+    images = _images(folder, top, posed)
+    names = _camera_names(top, [path.as_posix().removeprefix(f"{folder}/") for path in images])
+    frames = []
+    for k, (name, photograph) in enumerate(zip(names, posed, strict=True)):
+        # The picture's own path, which may lie outside of the file's folder, replaces this one.
+        keys = {"file_path": "picture", "camera": name, "split": "train", "time": 0.0}
+        keys["transform_matrix"] = opengl_pose(photograph.turn, photograph.place)
+        frames.append(Keys(top.file, {**photograph.lens, **keys}, k, kind="picture"))
+    views = [
+        dataclasses.replace(view, image=image)
+        for view, image in zip(views_of(top, frames, dtype), images, strict=True)
+    ]
+    return Capture(folder, views, {}, points, (0.0, 0.0), "normalised")
+
+
+def _images(folder: Path, top: Keys, posed: Sequence[Photograph]) -> list[Path]:
+    """The pictures of photographs, in a folder."""
+    home = folder.resolve()
+
+    def sought(names: Iterable[str]) -> list[Path]:
+        frames = [
+            Keys(folder / top.file.name, {**photograph.lens, "file_path": name}, k, kind="picture")
+            for k, (name, photograph) in enumerate(zip(names, posed, strict=True))
+        ]
+        return [frame.inside("file_path") for frame in completed(frames)]
+
+    paths = sought(_path_in(home, photograph.path) for photograph in posed)
+    if not any(map(picture_exists, paths)) and any(map(_is_elsewhere, posed)):
+        # They exist where the project says: the message tells how they can be used.
+        return sought(photograph.path for photograph in posed)
+    return paths
+
+
+def _path_in(home: Path, name: str) -> str:
+    """A path of any system as one inside a folder: relative to it if it leads there, otherwise
+    without its root and steps upwards."""
+    path = PurePosixPath(re.sub(r"^[A-Za-z]:", "", name.replace("\\", "/")))
+    if path.is_relative_to(home.as_posix()):
+        path = path.relative_to(home.as_posix())
+    return "/".join(part for part in path.parts if part not in ("/", "//", "..")) or "."
+
+
+def _is_elsewhere(photograph: Photograph) -> bool:
+    try:
+        return Path(photograph.path).is_absolute() and Path(photograph.path).is_file()
+    except (OSError, ValueError):
+        return False
+
+
+def _camera_names(top: Keys, paths: Sequence[str]) -> list[str]:
+    """A name for the camera of each picture: the picture's without suffix, with as much of its
+    folders and suffix as tells all apart."""
+    path, count = Counter(paths).most_common(1)[0]
+    if count > 1:
+        raise CaptureError(
+            f"{top.file}: each view must have a picture of its own, got {path} {count} times. "
+            "Remove the others."
+        )
+    pure = [PurePosixPath(path) for path in paths]
+    bare = [path.with_suffix("").as_posix().replace("/", "_") for path in pure]
+    full = [path.as_posix().replace("/", "_") for path in pure]
+    for names in ([path.stem for path in pure], [path.name for path in pure], bare, full):
+        if len(set(names)) == len(names):
+            return names
+    return [path.as_posix() for path in pure]

@@ -1,0 +1,83 @@
+"""Whether the clocks of the cameras agree, and which pictures are not used."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gaussray.prepare.findings.finding import Finding
+from gaussray.prepare.options import SyncOptions
+from gaussray.prepare.sources import Source
+from gaussray.prepare.sync import Sync
+from gaussray.prepare.timeline import Timeline, of_one_rate, resampled
+
+
+def sync_findings(
+    sources: Sequence[Source], sync: Sync, timeline: Timeline, options: SyncOptions
+) -> list[Finding]:
+    """Confidence of the offsets, rates that differ, and pictures that are not used.
+
+    Args:
+        sources: cameras of the input.
+        sync: offsets of their clocks, with confidence and disagreement.
+        timeline: rate of the timestamps; disagreements above half a frame are reported.
+        options: the confidence from which on an offset is trusted.
+    """
+    findings = []
+    videos = [source.name for source in sources if source.is_video]
+    weak = [name for name in videos if sync.confidence[name] < options.trust]
+    if sync.method not in ("none", "known") and len(videos) > 1:
+        by = f"by {sync.method}, confidence {min(sync.confidence[n] for n in videos):.2f} or more"
+        if not weak:
+            findings.append(Finding("good", "sync", f"all videos are synchronised {by}"))
+        else:
+            findings.append(
+                Finding(
+                    "warn",
+                    "sync",
+                    f"{', '.join(weak)}: no trusted synchronisation by {sync.method}; taken to "
+                    "start with the first camera",
+                    "If they do not, give sync.offsets=[...]; fit.refine=[offset] refines what is "
+                    "off by less than a few frames.",
+                )
+            )
+    elif len(videos) > 1:
+        text = "the videos start together" if sync.method == "none" else "the offsets are given"
+        findings.append(Finding("good", "sync", text))
+    off = {n: d for n, d in sync.disagreement.items() if d > 0.5 / max(timeline.rate, 1)}
+    if off:
+        findings.append(
+            Finding(
+                "warn",
+                "sync",
+                f"pairs of cameras disagree by {1000 * max(off.values()):.0f} ms about "
+                f"{', '.join(off)}",
+                "Look at a fast event in each video; give sync.offsets=[...] if they are off.",
+            )
+        )
+    # Videos of one rate show every frame that they were asked for.
+    if not of_one_rate(sources) and (names := resampled(sources, timeline)):
+        findings.append(
+            Finding(
+                "warn",
+                "sync",
+                f"{', '.join(names)} show their nearest frames at {timeline.rate:.4g} per second; "
+                "the remaining shift of each frame is recorded as the delay of its shutter",
+                "Record all cameras at one rate to use all their frames.",
+            )
+        )
+    folders = [source for source in sources if not source.is_video]
+    left = {s.name: s.count - len(np.unique(timeline.frames[s.name])) for s in folders}
+    # Otherwise it is the user's own choice of times.
+    if any(left.values()) and len({source.count for source in folders}) > 1:
+        unused = ", ".join(f"{count} of {name}" for name, count in left.items() if count)
+        findings.append(
+            Finding(
+                "warn",
+                "sync",
+                f"pictures that are not used: {unused}; folders of pictures are cameras that take "
+                f"pictures at the same times, and all of them have {len(timeline.times)}",
+                "Give each folder as many. Photographs of a still scene belong in one folder, "
+                "whatever their sizes.",
+            )
+        )
+    return findings

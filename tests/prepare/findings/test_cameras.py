@@ -1,0 +1,52 @@
+"""What is said about the poses of the pictures."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from gaussray.prepare.features import MatchingPicture
+from gaussray.prepare.findings.cameras import camera_findings
+from gaussray.prepare.poses import Placement
+from gaussray.prepare.sparse_model import Observations, SparseModel
+
+
+def placed(angles, missing=0, known=False):
+    """Cameras that stand still on a circle around the points, at these angles in degrees, and
+    others without a pose."""
+    nothing = np.zeros(0, int)
+    seen = Observations(nothing, nothing, nothing, np.zeros((0, 2)), np.zeros(0))
+    turns = np.radians(np.array(angles, float))
+    poses = np.tile(np.eye(4)[:3], (len(angles), 1, 1))
+    poses[:, :, 3] = -np.stack([np.cos(turns), np.sin(turns), 0 * turns], axis=1)
+    names = [f"camera{k}" for k in range(len(angles) + missing)]
+    files = [f"{name}.png" for name in names]
+    points = np.concatenate([np.eye(3), -np.eye(3)])
+    model = SparseModel(files[: len(angles)], poses, [], points, seen)
+    pictures = {f: MatchingPicture(f, n, 0, (4, 3)) for f, n in zip(files, names, strict=True)}
+    return Placement(model, pictures, {}, {}, still=frozenset(names), known=known)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_all_cameras_beside_each_other_are_good(known):
+    (finding,) = camera_findings(placed([0, 44, 88], known=known))
+    assert finding.level == "good" and "all 3 pictures" in finding.text
+    assert ("calibrated" in finding.text) == known
+
+
+def test_a_camera_far_from_its_next_neighbour_is_named_with_the_angle():
+    placement = placed([0, 30, 90])
+    (_, far) = camera_findings(placement)
+    assert far.level == "warn" and far.text.startswith("camera2: the next camera is 60 degrees")
+    # Cameras that move are next to themselves.
+    moving = dataclasses.replace(placement, still=frozenset())
+    assert [finding.level for finding in camera_findings(moving)] == ["good"]
+
+
+def test_half_of_the_pictures_must_have_a_pose():
+    (finding,) = camera_findings(placed([0, 20], missing=2))
+    assert finding.level == "warn" and finding.text.endswith("left out: camera2, camera3")
+    (finding,) = camera_findings(placed([0, 20], missing=3))
+    assert finding.level == "refuse" and finding.text == "only 2 of 5 pictures have a pose"
+    (alone,) = camera_findings(placed([0]))
+    assert alone.level == "refuse"

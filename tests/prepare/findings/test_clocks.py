@@ -1,0 +1,68 @@
+"""What is said about the clocks of the cameras."""
+
+import pathlib
+
+import numpy as np
+
+from gaussray.prepare.findings.clocks import sync_findings
+from gaussray.prepare.options import FramesOptions, SyncOptions
+from gaussray.prepare.sources import Source
+from gaussray.prepare.sync import Sync
+from gaussray.prepare.timeline import common_timeline
+
+
+def video(name, rate, count):
+    path = pathlib.Path(f"{name}.mp4")
+    return Source(name, path, (), np.arange(count) / rate, ((64, 48),))
+
+
+def found(sources, method="known", confidence=1.0, disagreement=0.0):
+    """The findings about cameras that start together, of which the last is the one in question."""
+    names, last = [source.name for source in sources], sources[-1].name
+    zeros = dict.fromkeys(names, 0.0)
+    confidences = dict.fromkeys(names, 1.0) | {last: confidence}
+    sync = Sync(method, zeros, confidences, zeros | {last: disagreement})
+    line = common_timeline(sources, sync, FramesOptions())
+    return sync_findings(sources, sync, line, SyncOptions(trust=0.5))
+
+
+def test_an_offset_is_doubtful_below_the_confidence_that_is_asked_for():
+    pair = [video("a", 10, 40), video("b", 10, 40)]
+    (good,) = found(pair, "audio", confidence=0.5)
+    assert good.level == "good" and "by audio, confidence 0.50 or more" in good.text
+    (weak,) = found(pair, "audio", confidence=0.49)
+    assert weak.level == "warn" and weak.text.startswith("b: no trusted synchronisation by audio")
+
+
+def test_offsets_that_are_given_need_no_confidence():
+    pair = [video("a", 10, 40), video("b", 10, 40)]
+    for method, text in (("none", "start together"), ("known", "offsets are given")):
+        (good,) = found(pair, method, confidence=0.0)
+        assert good.level == "good" and text in good.text
+    assert found(pair[:1]) == []
+
+
+def test_pairs_may_disagree_by_half_a_frame():
+    pair = [video("a", 10, 40), video("b", 10, 40)]
+    assert [finding.level for finding in found(pair, disagreement=0.049)] == ["good"]
+    (_, doubt) = found(pair, disagreement=0.051)
+    assert doubt.level == "warn" and "51 ms about b" in doubt.text
+
+
+def test_cameras_of_a_higher_rate_show_their_nearest_frames():
+    (_, doubt) = found([video("a", 30, 90), video("b", 25, 75)])
+    assert doubt.level == "warn" and doubt.text.startswith("a show their nearest frames at 25 per")
+
+
+def test_pictures_that_no_other_camera_has_a_time_for_are_told():
+    def folder(name, count):
+        pictures = tuple(pathlib.Path(f"{i}.png") for i in range(count))
+        return Source(name, pathlib.Path(name), pictures, np.zeros(0), ((64, 48),))
+
+    def warnings(*sources):
+        return [finding.text for finding in found(sources) if finding.level == "warn"]
+
+    (text,) = warnings(folder("tall", 9), folder("wide", 5))
+    assert "not used: 4 of tall;" in text and "all of them have 5" in text
+    assert not warnings(folder("tall", 5), folder("wide", 5))
+    assert not warnings(folder("tall", 9))

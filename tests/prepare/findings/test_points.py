@@ -1,0 +1,46 @@
+"""What is said about the points and where they are seen."""
+
+import numpy as np
+import pytest
+
+from gaussray.prepare.features import MatchingPicture
+from gaussray.prepare.findings.points import OBSERVATIONS, point_findings
+from gaussray.prepare.poses import Placement
+from gaussray.prepare.sparse_model import Observations, SparseModel
+
+
+def placed(counts, error, width=1000):
+    """Cameras with so many observations each, all so many pixels off."""
+    picture = np.repeat(np.arange(len(counts)), counts)
+    point = np.concatenate([np.arange(count) for count in counts])
+    errors = np.full(len(point), float(error))
+    seen = Observations(point, picture, point, np.zeros((len(point), 2)), errors)
+    files = [f"{k}.png" for k in range(len(counts))]
+    lenses = [{"w": width}] * len(counts)
+    poses = np.zeros((len(counts), 3, 4))
+    model = SparseModel(files, poses, lenses, np.zeros((max(counts), 3)), seen)
+    pictures = {f: MatchingPicture(f, f"camera{k}", 0, (4, 3)) for k, f in enumerate(files)}
+    still = frozenset(picture.camera for picture in pictures.values())
+    return Placement(model, pictures, {}, {}, still=still, known=False)
+
+
+@pytest.mark.parametrize("width", [1000, 4000])
+def test_reprojection_errors_count_against_the_width_of_the_pictures(width):
+    counts, scale = [OBSERVATIONS, OBSERVATIONS], width / 1000
+    (good,) = point_findings(placed(counts, 1.49 * scale, width))
+    assert good.level == "good" and good.text.startswith(f"{OBSERVATIONS} points")
+    (doubt,) = point_findings(placed(counts, 1.51 * scale, width))
+    assert doubt.level == "warn" and f"{1.51 * scale:.2f} pixels" in doubt.text
+
+
+def test_cameras_of_few_observations_are_named():
+    counts = [OBSERVATIONS, OBSERVATIONS - 1, OBSERVATIONS + 1]
+    (finding,) = point_findings(placed(counts, 0.5))
+    assert finding.level == "warn" and finding.text.startswith("camera1: fewer than 100")
+    many = point_findings(placed([OBSERVATIONS] + 9 * [1], 0.5))[0].text
+    assert "camera8..." in many and "camera9" not in many
+
+
+def test_a_capture_without_points_is_doubtful():
+    (finding,) = point_findings(placed([0, 0], 0.0))
+    assert finding.level == "warn" and finding.text == "no point is seen by two cameras"
