@@ -21,9 +21,9 @@ from gaussray.capture.selection import Selection
 from gaussray.reconstruct.data.pictures import footage
 from gaussray.reconstruct.data.segments import training_views
 from gaussray.reconstruct.data.still_cameras import MedianMasks
-from gaussray.reconstruct.initialize.stereo.from_pictures import moving_views
 from gaussray.reconstruct.initialize.stereo.matching import reduced_mask, stereo_points
 from gaussray.reconstruct.initialize.stereo.options import options_for, with_silhouette
+from gaussray.reconstruct.initialize.stereo.view_sets import moving_views
 
 
 def main() -> None:

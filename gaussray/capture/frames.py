@@ -18,6 +18,7 @@ from gaussray.capture.picture_file import (
     alpha_mask,
     check_size,
     holds_bytes,
+    picture_size,
     read_stored,
     read_with_alpha,
     shown_size,
@@ -113,16 +114,24 @@ def read_mask(
 ) -> Bool[np.ndarray, "h w"]:
     """Pixels that count: True where a mask is white, as in nerfstudio.
 
-    White is at least half of full scale in the brightest channel. Where the result has another
-    size than the part of the file that it shows, means over its pixels' areas are compared.
+    White is at least half of full scale in the brightest channel; where the mask is transparent
+    in part, as an object that was cut out is, opaque pixels count instead. Where the
+    result has another size than the part of the file that it shows, means over its pixels' areas
+    are compared.
 
     Args:
-        path: file of the mask.
+        path: file of the mask. One of another size than its picture, but of the same aspect ratio,
+            up to a pixel, is brought to that size: each pixel is that of the nearest one.
         width: columns of the result.
         height: rows of the result.
-        window: the part of the file that is shown; None if the file has the size of the result.
+        window: the part of the picture that is shown; None if the picture has the size of the
+            result.
+
+    Raises:
+        CaptureError: the mask has another aspect ratio than its picture.
+        OSError: the file is absent, truncated or no picture.
     """
-    stored = read_stored(path, *(window.size if window else (width, height)))
+    stored = _stored_mask(path, *(window.size if window else (width, height)))
     full = np.iinfo(stored.dtype).max if np.issubdtype(stored.dtype, np.integer) else 1
     shown = window.cut(stored) if window else stored
     # Faster than a maximum along the last, short axis.
@@ -131,6 +140,30 @@ def read_mask(
         brightest = averaged(brightest[..., None] / full, width, height)[..., 0]
         return brightest >= 0.5
     return brightest >= 0.5 * full
+
+
+def _stored_mask(path: Path | str, width: int, height: int) -> np.ndarray:
+    """The values [height, width, c] of a mask, which may be stored at another size."""
+    try:
+        return _mask_values(path, width, height)
+    except CaptureError:
+        columns, rows = picture_size(path)
+    if abs(columns * height - rows * width) > max(columns, rows, width, height):
+        raise CaptureError(
+            f"{path}: the mask must be w x h = {width} x {height} as its picture is, or have the "
+            f"same aspect ratio, got {columns} x {rows}. Make a mask of the whole picture, or take "
+            "it away."
+        )
+    values = _mask_values(path, columns, rows)
+    row = (2 * np.arange(height) + 1) * rows // (2 * height)
+    column = (2 * np.arange(width) + 1) * columns // (2 * width)
+    return values[row[:, None], column]
+
+
+def _mask_values(path: Path | str, width: int, height: int) -> np.ndarray:
+    """The colours of a mask, or its alpha if that tells pixels apart."""
+    values, alpha = read_with_alpha(path, width, height)
+    return values if alpha is None or alpha.max() < 0.5 else alpha[..., None]
 
 
 def is_masked(view: View) -> bool:

@@ -22,6 +22,7 @@ from gaussray.capture.formats.dynamic3dgs import META_FILES, read_dynamic3dgs
 from gaussray.capture.formats.immersive import MODELS_FILE, is_immersive, read_immersive
 from gaussray.capture.formats.llff import llff_pictures, read_llff
 from gaussray.capture.formats.metashape import metashape_file, read_metashape
+from gaussray.capture.formats.middlebury import PAR_FILE, middlebury_file, read_middlebury
 from gaussray.capture.formats.nerfies import DATASET_FILE, is_nerfies, read_nerfies
 from gaussray.capture.formats.neural3d import read_neural3d, videos_of
 from gaussray.capture.formats.neus import CAMERA_FILES, neus_file, read_neus
@@ -31,6 +32,7 @@ from gaussray.capture.formats.opensfm import RECONSTRUCTION_FILES, opensfm_file,
 from gaussray.capture.formats.paired import effect_files, read_capture
 from gaussray.capture.formats.pinf import INFO_FILE, is_pinf, read_pinf
 from gaussray.capture.formats.poses_bounds import POSES_FILE, read_poses_bounds
+from gaussray.capture.formats.record3d import METADATA_FILES, read_record3d, record3d_file
 from gaussray.capture.formats.technicolor import PARAMETERS_FILE, read_technicolor
 from gaussray.capture.formats.transforms import PINHOLE_FILE
 from gaussray.capture.mask_folder import with_mask_folder
@@ -58,6 +60,8 @@ FORMATS: dict[str, Callable[[Path | str, DTypeLike], Capture]] = {
     "alicevision": read_alicevision,
     "opensfm": read_opensfm,
     "openmvg": read_openmvg,
+    "middlebury": read_middlebury,
+    "record3d": read_record3d,
 }
 # The files of each format, for the message about a folder of none.
 FORMAT_FILES = {
@@ -77,10 +81,21 @@ FORMAT_FILES = {
     "alicevision": "a file *.sfm of AliceVision or Meshroom, and pictures",
     "opensfm": f"{' or '.join(RECONSTRUCTION_FILES)}, and pictures in images/",
     "openmvg": f"{SFM_DATA_FILES[0]} of OpenMVG, and pictures",
+    "middlebury": f"{PAR_FILE} with K, R and t of each picture, and pictures",
+    "record3d": f"{METADATA_FILES[0]} of Record3D, and pictures in rgb/",
 }
 
 # Formats whose files name no masks: these lie in a folder of their own.
-_MASKED = ("colmap", "llff", "metashape", "alicevision", "opensfm", "openmvg")
+_MASKED = (
+    "colmap",
+    "llff",
+    "metashape",
+    "alicevision",
+    "opensfm",
+    "openmvg",
+    "middlebury",
+    "record3d",
+)
 
 
 def open_capture(
@@ -164,7 +179,8 @@ def format_of(folder: Path | str) -> str:
     JSON files come first (a model of COLMAP beside them is what they were made from; those of
     splits before one of all frames, with a warning), then poses_bounds.npy with videos, then
     COLMAP, then poses_bounds.npy with pictures, then the XML file of Metashape, then projections of
-    IDR and NeuS, then projects of AliceVision, OpenSfM and OpenMVG.
+    IDR and NeuS, then projects of AliceVision, OpenSfM and OpenMVG, then Middlebury's cameras and
+    Record3D's.
 
     Raises:
         CaptureError: the folder holds files of no format.
@@ -231,5 +247,7 @@ def _format(folder: Path) -> str | None:
         "alicevision": alicevision_file,
         "opensfm": opensfm_file,
         "openmvg": openmvg_file,
+        "middlebury": middlebury_file,
+        "record3d": record3d_file,
     }
     return next((name for name, file_of in found.items() if file_of(folder) is not None), None)

@@ -94,13 +94,15 @@ def _with_pictures(capture: Capture, missing: str) -> Capture:
     absent = {id(view) for view in every if not picture_exists(view.image)}
     if not absent:
         return capture
-    first = next(view.image for view in every if id(view) in absent)
+    lacking = [view.image for view in every if id(view) in absent]
+    first = lacking[0]
     text = (
         f"{capture.folder}: {len(absent)} of {len(every)} frames have no picture, such as {first}"
     )
     if missing == "error" or len(absent) == len(every):
         remedy = "Copy the pictures of these frames there, or remove the frames."
-        raise CaptureError(f"{text}.{absent_picture_hint(capture.folder, first.name, remedy)}")
+        hint = absent_picture_hint(capture.folder, (path.name for path in lacking), remedy)
+        raise CaptureError(f"{text}.{hint}")
     warnings.warn(f"{text}; they are left out.", CaptureWarning, stacklevel=4)
 
     return capture.with_views(lambda views: [view for view in views if id(view) not in absent])

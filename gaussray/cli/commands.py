@@ -73,7 +73,8 @@ def _reconstruct(cfg: Configuration, devices: int | None) -> dict[str, Any]:
     demand_training_pictures(capture)
     out = begin_run_folder(cfg)
     if is_primary() and not cfg.quiet:
-        say(division_sentence(capture, list(cfg.capture.test) != ["auto"]))
+        chosen_test = list(cfg.capture.test) != ["auto"]
+        say(division_sentence(capture, chosen_test, list(cfg.capture.frames)))
     scene = reconstruct(
         capture,
         out,

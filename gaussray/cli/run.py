@@ -28,6 +28,7 @@ from gaussray.runtime.lock import release_locks
 from gaussray.runtime.output import emit
 from gaussray.runtime.progress import (
     STYLES,
+    Progress,
     check_style,
     end_line,
     plain_warnings,
@@ -127,7 +128,12 @@ def _run(command: str, overrides: Sequence[str]) -> None:
     if is_primary() and (out / RUN_RECORD).is_file():
         record_duration(out, time.monotonic() - began)
         if cfg.get("report"):
+            # Of JSON lines the result is the last.
+            quiet = bool(cfg.get("quiet")) or style() == "json"
+            bar = Progress("report", 1, quiet=quiet)
+            bar.report(0, "being written")
             _write_report(command, out, report)
+            bar.report(1)
 
 
 def _style(words: Sequence[str]) -> str:

@@ -10,10 +10,12 @@ from gaussray.camera.sensor.sensor import SensorOptions
 from gaussray.camera.shutter import time_window
 from gaussray.capture.capture import View
 from gaussray.config.compose import Configuration
+from gaussray.config.focus_notes import note_depth_of_field
 from gaussray.config.options import as_type, build_options
 from gaussray.config.yaml_files import to_plain
 from gaussray.dataset.manifest import FrameRecord
 from gaussray.render.aov.labeller import check_labels
+from gaussray.render.focus import FocusMeter
 from gaussray.render.job import RenderJob
 from gaussray.render.options import DatasetOptions, RenderOptions
 from gaussray.render.rig import physical_units as physical, rig as rigs
@@ -47,7 +49,8 @@ def render_job(
     cfg: Configuration,
     load: Callable = load,
     cameras: Callable = rigs.load_views,
-    note: Callable[[str], Any] = lambda line: None,
+    note: Callable[[str], Any] | None = None,
+    meter: Callable[[Scene | Clip, TraceOptions], FocusMeter] = FocusMeter,
 ) -> RenderJob:
     """The render job of a configuration.
 
@@ -55,14 +58,16 @@ def render_job(
         cfg: a configuration of `gaussray render` or `gaussray view`.
         load: reads the scene from its path; a cached function where many jobs share the scene.
         cameras: reads the views from the paths of scene and capture, likewise.
-        note: gets a line about each choice that a key has switched on.
+        note: gets a line about each choice that a key has switched on, and about what looks wrong.
+        meter: makes what measures focus distances in the scene; a cached function likewise.
 
     Raises:
         ValueError: A value is impossible; the message names its key and its rule.
     """
     rig, notes = apply_implied_choices(rig_options(cfg))
+    tell = note or (lambda line: None)
     for line in notes:
-        note(line)
+        tell(line)
     units = build_options(physical.PhysicalOptions, cfg.physical)
     sensor = build_options(SensorOptions, cfg.sensor)
     options, trace = (
@@ -76,20 +81,24 @@ def render_job(
     check_labels(labels)
     scene = load(cfg.scene)
     views = chosen_views(cfg, scene, rig.camera, cameras)
-    _note_of_cameras(views, rig.camera, note)
+    _note_of_cameras(views, rig.camera, tell)
     in_scene_units = physical.apply_units(rig, units)
     check_used_keys(in_scene_units)
+    focus_meter = meter(scene, trace)
     records = rigs.frame_records(
         views,
         options=in_scene_units,
         samples=options.samples,
         format=as_type(str, cfg.format, "format"),
+        measure=focus_meter.subject_distance,
     )
     physical.check_shape(units, (record.camera.film for record in records))
     check_cameras(in_scene_units, records)
-    _note_of_times(scene, records, note)
+    _note_of_times(scene, records, tell)
+    if note is not None and in_scene_units.aperture.radius:
+        note_depth_of_field(in_scene_units.aperture, records[0].camera, options, focus_meter, note)
     interval = frame_interval(views)
-    labels = _possible_labels(labels, records, interval, note)
+    labels = _possible_labels(labels, records, interval, tell)
     info = physical.units_record(rig, units)
     dataset = DatasetOptions(sensor, labels, fps, info, interval)
     return RenderJob(scene, records, options, trace, dataset)

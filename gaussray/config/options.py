@@ -49,7 +49,7 @@ def field_value(field: dataclasses.Field, value: Any, key: str) -> Any:
 
     Args:
         field: the field, whose default gives the type. With the default None the value may be None,
-            or of the first type in the field's annotation.
+            or of the first type in the field's annotation. A field of numbers and texts takes both.
         value: the value; a list where the field is a tuple.
         key: full name of the key (`lens.fov`), for messages.
 
@@ -61,6 +61,8 @@ def field_value(field: dataclasses.Field, value: Any, key: str) -> Any:
         value = _numbers(value, key)
     if isinstance(value, list) and str in types:
         _check_names(value, key)
+    if float in types and str in types and value is not None:
+        return value if isinstance(value, str) else as_type(float, value, key)
     if field.default is None and value is not None:
         return as_type(types[0], value, key)
     return as_type(type(field.default), value, key)

@@ -11,6 +11,7 @@ from omegaconf import OmegaConf
 from gaussray.camera.imu import ImuOptions
 from gaussray.capture.capture import View
 from gaussray.config.compose import Configuration, Variations, compose_config
+from gaussray.config.focus_notes import chosen_lengths
 from gaussray.config.jobs import has_cameras, render_job
 from gaussray.config.launch import launch_jobs
 from gaussray.config.options import build_options
@@ -19,6 +20,7 @@ from gaussray.config.yaml_files import to_plain
 from gaussray.dataset.layouts import LAYOUT_LABELS, write_layout
 from gaussray.dataset.sample_manifest import MANIFEST, write_sample_manifest
 from gaussray.io.safe.limits import Limits, limit
+from gaussray.render.focus import FocusMeter
 from gaussray.render.job import RenderJob
 from gaussray.render.randomize.clearance import FreeSpace
 from gaussray.render.randomize.distributions import read_distributions
@@ -32,6 +34,8 @@ from gaussray.render.randomize.options import DrawOptions
 from gaussray.render.rig import rig as rigs
 from gaussray.runtime.devices import DevicesOptions, is_distributed, start_devices
 from gaussray.scene.formats.any_file import load
+from gaussray.scene.scene import Scene
+from gaussray.scene.segmented import Clip
 from gaussray.tracer.options import TraceOptions
 
 
@@ -51,6 +55,8 @@ _PER_PROCESS = (
     "render.memory",
     *_REPORTING,
 )
+# Scenes and captures that are kept for the next samples.
+_KEPT = 2
 # The distribution of every seed of a randomised dataset. The seed of shake has single precision, to
 # which the number of the camera is added.
 _SEEDS = {"integer": [0, 2**31 - 1]}
@@ -161,10 +167,20 @@ def sample_source(cfg: Configuration, overrides: Sequence[str]) -> SampleSource:
         overrides: words that it was composed from; each sample adds its drawn values to them.
     """
     variations = Variations("render", overrides)
-    read, cameras = functools.lru_cache(2)(load), functools.lru_cache(2)(rigs.load_views)
+    read, cameras = functools.lru_cache(_KEPT)(load), functools.lru_cache(_KEPT)(rigs.load_views)
     options = build_options(DrawOptions, cfg.dataset)
+    meters: dict[tuple[int, TraceOptions], FocusMeter] = {}
 
-    @functools.lru_cache(2)
+    def meter(scene: Scene | Clip, trace: TraceOptions) -> FocusMeter:
+        # A meter holds its scene, whose id is therefore no other one's.
+        key = id(scene), trace
+        if key not in meters:
+            if len(meters) == _KEPT:
+                meters.pop(next(iter(meters)))
+            meters[key] = FocusMeter(scene, trace)
+        return meters[key]
+
+    @functools.lru_cache(_KEPT)
     def free_space(scene: str, capture: str | None, trace: TraceOptions) -> FreeSpace:
         views = cameras(scene, capture) if has_cameras(cfg) else ()
         return FreeSpace(read(scene), [view.camera for view in views], trace)
@@ -174,7 +190,8 @@ def sample_source(cfg: Configuration, overrides: Sequence[str]) -> SampleSource:
         parameters = {k: v for k, v in to_plain(varied).items() if k not in _NO_PARAMETERS}
         # Pictures do not depend on it: a dataset that ran out of memory continues with less.
         del parameters["render"]["memory"]
-        job = render_job(varied, read, cameras)
+        job = render_job(varied, read, cameras, meter=meter)
+        parameters["aperture"] |= chosen_lengths(parameters["aperture"], job.records[0].camera)
         if options.clearance:
             space = free_space(varied.scene, varied.cameras, job.trace)
             for record in job.records:
@@ -226,7 +243,8 @@ def _frame_distributions(
     times: dict[str, set[float]] = {}
     for view in views():
         name = view.camera_name
-        if name in camera["names"] if camera["names"] else view.split in splits:
+        of_split = "all" in splits or view.split in splits
+        if name in camera["names"] if camera["names"] else of_split:
             times.setdefault(name, set()).add(float(view.time))
     if not times:
         return {}

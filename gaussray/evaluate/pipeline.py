@@ -188,7 +188,8 @@ class _Evaluation:
                 for view, scored in zip(batch, threads.map(score, batch, frames), strict=True):
                     add(view, scored)
         check_files_exist(self.out, self.written)
-        for camera, files in films.items():
+        # A picture alone is no film.
+        for camera, files in ((name, own) for name, own in films.items() if len(own) > 1):
             self.written.append(f"{effect}/{camera}.mp4")
             write_video(self.out / self.written[-1], map(_truth_and_ours, files), fps=8)
         self.report["effects"][effect] = summary(rows, self.options.samples(effect), flicker)

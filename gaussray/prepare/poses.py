@@ -11,6 +11,7 @@ from gaussray.capture.mask_folder import MASK_FOLDER
 from gaussray.capture.spread import evenly_spread
 from gaussray.prepare import features, merging
 from gaussray.prepare.calibrations.known_camera import KnownCamera
+from gaussray.prepare.calibrations.same_poses import pairs_of_one_pose
 from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.features import Keypoints, MatchingPicture
 from gaussray.prepare.mapping import estimate_poses, triangulate, verify
@@ -233,7 +234,13 @@ def _placed(
 ) -> Placement:
     """Match, merge the timestamps of cameras that stand still, and find poses or points."""
     database, seed = work / _FEATURES, options.poses.seed
-    features.match_features(database, features.matched_pairs(written, still), seed)
+    pairs = features.matched_pairs(written, still)
+    if known is not None:
+        # From one place nothing can be triangulated.
+        camera = {picture.file: picture.camera for picture in written}
+        alike = {frozenset(pair) for pair in pairs_of_one_pose(known)}
+        pairs = [pair for pair in pairs if frozenset(map(camera.__getitem__, pair)) not in alike]
+    features.match_features(database, pairs, seed)
     keypoints = features.read_keypoints(database, written)
     if still:
         merged, raw = work / "merged.db", features.raw_matches(database)

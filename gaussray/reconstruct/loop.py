@@ -87,7 +87,7 @@ def run_stage(
         if plan.after_block(done, told and partial(told, state, sizes)):
             bar.change_total(plan.steps)
             progress = plan.noted(progress)
-            _say_stopped(session, plan, done)
+            _say_changed(session, plan, done)
         log.save_in_time(state, progress)
         if done >= plan.steps:
             break
@@ -98,9 +98,18 @@ def run_stage(
     return from_primary(state), progress
 
 
-def _say_stopped(session: Session, plan: StepPlan, done: int) -> None:
-    if plan.stopped == done and not session.quiet:
+def _say_changed(session: Session, plan: StepPlan, done: int) -> None:
+    """Say why a plan that has just changed ends where it does, if that is not the given time."""
+    if session.quiet:
+        return
+    if plan.stopped == done:
         say(f"Held-out tiles no longer improve at step {done}: the fit ends at step {plan.steps}.")
+    elif isinstance(plan, TimedPlan) and plan.overtime:
+        minutes, given = plan.overtime / 60, session.options.fit.minutes
+        say(
+            f"fit.minutes={given:g} is too short here: {plan.steps} steps, the fewest of a fit, "
+            f"take about {minutes:.1f} minutes."
+        )
 
 
 def planned_steps(session: Session, progress: RunProgress) -> StepPlan:

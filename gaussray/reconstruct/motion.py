@@ -17,10 +17,7 @@ from gaussray.reconstruct.initialize.body_tracking import track
 from gaussray.reconstruct.initialize.from_points import bodies, inliers, on_points, thinned
 from gaussray.reconstruct.initialize.regrouping import MovingGaussians
 from gaussray.reconstruct.initialize.resting_control import resting_control_points
-from gaussray.reconstruct.initialize.stereo.from_pictures import (
-    MovingPoints,
-    moving_points,
-)
+from gaussray.reconstruct.initialize.stereo.from_pictures import MovingPoints, moving_points
 from gaussray.reconstruct.initialize.surface_tracking import tracked_surface
 from gaussray.reconstruct.initialize.transients import (
     STRAY,

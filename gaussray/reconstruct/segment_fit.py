@@ -87,7 +87,7 @@ def pruned_segment(
         tracing=Tracing(session.options.trace, mesh(devices), session.key_states(state)),
         seed=session.options.fit.seed,
         unmet=unmet,
-        report=session.progress_report("prune", patience=2.0),
+        report=session.progress_report("prune"),
     )
     if session.equalization is not None:
         scene = replace(scene, light=session.equalization.light)

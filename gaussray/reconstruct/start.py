@@ -12,10 +12,8 @@ from jaxtyping import Bool, Float
 from gaussray.camera.corrections import Corrections, no_corrections
 from gaussray.reconstruct.data.motion_mask import point_activity
 from gaussray.reconstruct.initialize.from_points import on_points, surrounding, thinned
-from gaussray.reconstruct.initialize.stereo.from_pictures import (
-    first_views,
-)
 from gaussray.reconstruct.initialize.stereo.uncovered import VIEWS, hiding
+from gaussray.reconstruct.initialize.stereo.view_sets import first_views
 from gaussray.reconstruct.optimize.free_space import FreeBalls, free_balls
 from gaussray.reconstruct.optimize.optimizer import Parameters
 from gaussray.reconstruct.optimize.rows import occupied, take_rows, with_rows

@@ -102,11 +102,14 @@ class TimedPlan(StepPlan):
     Args:
         seconds: duration of the stage.
         block: steps of a block.
+
+    Attributes:
+        overtime: seconds that the fewest steps take, if they are planned and take longer.
     """
 
     def __init__(self, seconds: float, block: int):
         super().__init__(StageSchedule(_GUESS))
-        self.most = _MOST
+        self.most, self.overtime = _MOST, 0.0
         self._seconds, self._block = seconds, block
         # Steps that are done, and when; and seconds in which a compiler worked.
         self._marks: list[tuple[int, float]] = []
@@ -147,6 +150,8 @@ class TimedPlan(StepPlan):
         left = max(end - now, 0) / max(self._pace(), 1e-9)
         blocks = max(int(max(done + left, _LEAST) / self._block), -(-done // self._block))
         steps = min(blocks * self._block, _MOST)
+        fewest = _LEAST * self._pace()
+        self.overtime = fewest if steps <= _LEAST and fewest > self._seconds else 0.0
         changed, self.schedule = steps != self.steps, StageSchedule(steps)
         return changed
 

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 from gaussray.camera.lens.registry import models_by_name
 from gaussray.config.schema import choices
 from gaussray.config.yaml_files import group_values
+from gaussray.render.rig.aperture import ApertureOptions, resolve_aperture
 
 
 # The configuration groups with controls, in the order of the panel, and their folder titles.
@@ -126,6 +127,19 @@ def choice_values(group: str, choice: str) -> ControlValues:
     return {f"{group}.{key}": value for key, value in group_values(group, choice).items()}
 
 
+def aperture_values(choice: str, focus_distance: float) -> ControlValues:
+    """The values that a choice of an aperture sets, with all lengths as numbers.
+
+    Args:
+        choice: an aperture, such as `wide`.
+        focus_distance: distance in focus, in scene units, of which lengths are shares.
+    """
+    values = {**group_values("aperture", choice), "focus_distance": focus_distance}
+    fields: Any = {key: tuple(x) if isinstance(x, list) else x for key, x in values.items()}
+    options = resolve_aperture(ApertureOptions(**fields), lambda: focus_distance)
+    return {f"aperture.{key}": getattr(options, key) for key in values}
+
+
 def pinhole_values(values: Mapping[str, Any], fov: float) -> ControlValues:
     """The values of an ideal pinhole camera.
 
@@ -136,6 +150,7 @@ def pinhole_values(values: Mapping[str, Any], fov: float) -> ControlValues:
     result = dict(values)
     for group, choice in PINHOLE.items():
         result |= choice_values(group, choice)
+    result["aperture.focus_distance"] = values["aperture.focus_distance"]
     result["lens.fov"] = values["lens.fov"] if values["lens.model"] == "pinhole" else fov
     return result
 
@@ -160,7 +175,7 @@ def nearest_choice(group: str, values: Mapping[str, Any]) -> str:
 def _kind(group: str, values: Mapping[str, Any]) -> Any:
     """What distinguishes the choices of a group other than by numbers."""
     if group == "aperture":
-        return values["aperture.radius"] > 0, values["aperture.rim_radius"] > 0
+        return bool(values["aperture.radius"]), bool(values["aperture.rim_radius"])
     return values.get({"lens": "lens.model", "shutter": "shutter.kind"}.get(group, ""))
 
 

@@ -13,11 +13,14 @@ from gaussray.config.compose import Configuration, Variations
 from gaussray.config.jobs import chosen_views, has_cameras, render_job, rig_options
 from gaussray.config.options import build_options
 from gaussray.config.yaml_files import to_plain
+from gaussray.render.focus import FocusMeter
 from gaussray.render.job import RenderJob
 from gaussray.render.rig import physical_units as physical, rig as rigs
+from gaussray.render.rig.aperture import resolve_aperture
 from gaussray.scene.formats.any_file import load
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip
+from gaussray.tracer.options import TraceOptions
 from gaussray.viewer.controls import (
     GROUPS,
     ControlValues,
@@ -29,6 +32,7 @@ from gaussray.viewer.options import ViewOptions
 from gaussray.viewer.viewpoint import (
     Viewpoint,
     horizontal_fov,
+    subject_distance,
     trajectory_at,
     view_at,
     viewpoint_of,
@@ -178,7 +182,22 @@ class ViewerModel:
         ]
         return (fits or self.views)[0]
 
+    def _numeric_aperture(
+        self, options: rigs.ApertureOptions, trace: TraceOptions
+    ) -> rigs.ApertureOptions:
+        """The aperture with a focus distance in scene units, which is measured if it is open."""
+        if options.has_shares:
+            meter, camera = FocusMeter(self.scene, trace), self.first_view.camera
+            measure = functools.partial(meter.subject_distance, camera, options.focus)
+            return resolve_aperture(options, measure)
+        if isinstance(options.focus_distance, str):
+            distance = subject_distance(self.scene, self.initial_viewpoint)
+            return dataclasses.replace(options, focus_distance=distance)
+        return options
+
     def _initial_values(self, cfg: Configuration, options: rigs.RigOptions) -> ControlValues:
+        aperture = self._numeric_aperture(options.aperture, build_options(TraceOptions, cfg.trace))
+        options = dataclasses.replace(options, aperture=aperture)
         values: ControlValues = {"render.samples": cfg.render.samples}
         for group in GROUPS:
             block: Any = to_plain(cfg[group])

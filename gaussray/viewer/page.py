@@ -205,9 +205,11 @@ class Page:
         """Callback of the choice of a lens, aperture, shutter or sensor; sets its values."""
         if self._setter == threading.get_ident():
             return
-        values = table.choice_values(group, self.handles[group].value)
+        choice = self.handles[group].value
         if group == "aperture":
-            values["aperture.focus_distance"] = self.values["aperture.focus_distance"]
+            values = table.aperture_values(choice, self.values["aperture.focus_distance"])
+        else:
+            values = table.choice_values(group, choice)
         self.values = table.consistent_values({**self.values, **values})
         self._update_controls()
         self.refresh()

@@ -130,8 +130,8 @@ class PreviewRenderer:
         Traces one ray. Its program is compiled at the first call.
 
         Args:
-            camera: the camera, without an aperture (`focus.without_aperture`), so that the ray is
-                the pixel's chief ray.
+            camera: the camera, without an aperture (`render.focus.without_aperture`), so that the
+                ray is the pixel's chief ray.
             pixel: column and row of the pixel.
         """
         row, key = self._key(camera, 1, probe=True)

@@ -11,11 +11,12 @@ from jaxtyping import UInt8
 
 from gaussray.camera.camera import Camera, with_chromatic
 from gaussray.render.develop import picture_levels
+from gaussray.render.focus import without_aperture
 from gaussray.render.job import RenderJob
 from gaussray.render.renderer import Renderer
 from gaussray.viewer.adaptive_size import SizeController, preview_sizes
 from gaussray.viewer.develop import develop_preview
-from gaussray.viewer.focus import clicked_focus_distance, without_aperture
+from gaussray.viewer.focus import clicked_focus_distance
 from gaussray.viewer.model import ViewerModel
 from gaussray.viewer.preview import PreviewRenderer
 from gaussray.viewer.timing import RenderStatus, StageTimer

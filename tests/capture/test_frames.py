@@ -169,6 +169,34 @@ def test_a_mask_is_true_where_it_is_white(tmp_path):
     assert mask.dtype == bool and mask[:5].all() and not mask[5:].any()
 
 
+def test_a_mask_of_another_size_is_that_of_the_nearest_pixels(tmp_path):
+    codes = random_codes()
+    white = codes.max(axis=-1) >= 128
+    path = write(tmp_path / "m.png", codes)
+    np.testing.assert_array_equal(read_mask(path, 64, 48), white.repeat(2, 0).repeat(2, 1))
+    # The middle of three pixels; 71 rows are those of 72, up to a pixel.
+    large = write(tmp_path / "l.png", codes.repeat(3, 0).repeat(3, 1)[:71])
+    np.testing.assert_array_equal(read_mask(large, 32, 24), white)
+
+
+def test_of_an_object_that_was_cut_out_the_opaque_pixels_count(tmp_path):
+    codes = np.full((24, 32, 4), 60, np.uint8)
+    codes[:5, :, 3] = 255
+    mask = read_mask(write(tmp_path / "m.png", codes), 32, 24)
+    assert mask[:5].all() and not mask[5:].any()
+    # Alpha of zero everywhere tells nothing.
+    codes[..., 3], codes[:7, :, :3] = 0, 255
+    mask = read_mask(write(tmp_path / "n.png", codes), 32, 24)
+    assert mask[:7].all() and not mask[7:].any()
+
+
+@pytest.mark.parametrize("size", [(32, 20), (24, 32)])
+def test_a_mask_of_another_shape_is_refused_as_a_mask(tmp_path, size):
+    path = write(tmp_path / "m.png", random_codes())
+    with pytest.raises(CaptureError, match=rf"m.png: the mask must be .* = {size[0]} x .*got 32"):
+        read_mask(path, *size)
+
+
 def test_eight_bit_files_stay_bytes(tmp_path):
     stack = np.stack([random_codes() // (k + 1) for k in range(5)])
     views = [Picture(write(tmp_path / f"{k}.png", p), 32, 24) for k, p in enumerate(stack)]

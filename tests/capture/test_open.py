@@ -38,7 +38,7 @@ def lay(folder, name, content):
 def test_every_format_has_a_reader_and_says_what_it_needs():
     known = {"paired", "splits", "neural3d", "llff", "dynamic3dgs", "nerfies", "pinf", "colmap"}
     known |= {"metashape", "neus", "immersive", "technicolor", "actorshq"}
-    known |= {"alicevision", "opensfm", "openmvg"}
+    known |= {"alicevision", "opensfm", "openmvg", "middlebury", "record3d"}
     assert FORMATS.keys() == FORMAT_FILES.keys() == known
 
 
@@ -264,7 +264,7 @@ def test_a_background_that_there_is_not_lists_those_that_are(folder):
     [
         (
             "capture.format=ns",
-            "actorshq, colmap, metashape, neus, alicevision, opensfm, openmvg, got 'ns'",
+            "metashape, neus, alicevision, opensfm, openmvg, middlebury, record3d, got 'ns'",
         ),
         ("capture.format=null", "capture.format must be a text, got None"),
         ("capture.format=colmap", "must hold cameras and images"),

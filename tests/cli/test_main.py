@@ -125,7 +125,7 @@ def test_help_of_a_command_prints_its_groups_with_choices(command, capsys):
     lines = text.splitlines()
     assert len(lines) <= 72 and max(map(len, lines)) <= 100
     if command == "render":
-        assert "aperture.focus_distance   2.5           scene units" in text
+        assert "aperture.focus_distance   auto          scene units" in text
         assert "fisheye, kannala_brandt, opencv, orthographic, pinhole" in text
 
 
@@ -306,7 +306,7 @@ def test_a_scene_without_cameras(fails, tmp_path):
         ("camera.names=[cam_9]", "camera.names must be among"),
         ("camera.times=[0.25]", "got 0.25; the nearest are 0, 0.5."),
         ("camera.split=validation", "camera.split"),
-        ("camera.split=validation camera.names=[cam0]", "camera.split must be train or test"),
+        ("camera.split=validation camera.names=[cam0]", "camera.split must be train, test or all"),
         ("render.samples=0", "render.samples must be at least 1"),
         ("shutter=rolling shutter.readout=-1", "shutter.readout must be at least 0, got -1"),
         (

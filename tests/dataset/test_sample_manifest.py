@@ -64,13 +64,13 @@ def test_a_manifest_that_cannot_be_read_says_why(data):
 
 def test_jax_reads_every_frame_once_in_an_order_of_the_key(data):
     seen = list(batches(data, 2, jax.random.key(0)))
-    assert [len(batch["take"]) for batch in seen] == [2, 2]
+    assert [len(batch["sample"]) for batch in seen] == [2, 2]
     assert seen[0]["light"].shape == (2, 4, 6, 3) and seen[0]["row_times"].shape == (2, 4)
     light = np.concatenate([batch["light"].mean(axis=(1, 2, 3)) for batch in seen])
     assert len(set(light.tolist())) == 4
     for batch in seen:
-        for take, times in zip(batch["take"], batch["row_times"], strict=True):
-            expected = [0.5] * 4 if take else [0.1, 0.2, 0.3, 0.4]
+        for sample, times in zip(batch["sample"], batch["row_times"], strict=True):
+            expected = [0.5] * 4 if sample else [0.1, 0.2, 0.3, 0.4]
             np.testing.assert_allclose(times, expected, rtol=1e-6)
 
 

@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 from gaussray.capture.open import open_capture
 from gaussray.dataset.images import write_image
 from gaussray.geometry import BLENDER_AXES
-from gaussray.prepare import pipeline, prepare_capture
+from gaussray.prepare import features, pipeline, prepare_capture
 from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.options import FramesOptions, PosesOptions, PrepareOptions, SyncOptions
 from gaussray.report import write_page
@@ -199,6 +199,27 @@ def test_poses_do_not_stay_beside_pictures_that_are_replaced(videos, tmp_path, t
     assert (tmp_path / "transforms.json").exists()
     with pytest.raises(KeyboardInterrupt):
         prepare_capture(videos, tmp_path, options=known(toml(arc(CAMERAS))))
+
+
+def test_photographs_from_one_place_are_not_matched_with_each_other(
+    tmp_path, toml, painted, monkeypatch
+):
+    poses, matched = [*arc(3, -15, 15), arc(3, -15, 15)[0]], []
+    folder = tmp_path / "photos"
+    for k, pose in enumerate(poses):
+        write_image(folder / f"cam{k}.png", picture(pose, painted))
+    match = features.match_features
+
+    def match_and_note(database, pairs, seed):
+        matched.extend(pairs)
+        match(database, pairs, seed)
+
+    monkeypatch.setattr(features, "match_features", match_and_note)
+    facts = prepare_capture(folder, tmp_path / "out", options=known(toml(poses)))
+    assert facts["points"] > 100 and len(matched) == 5
+    assert {"000", "003"} not in [{a[:3], b[:3]} for a, b in matched]
+    (warning,) = (one for one in facts["findings"] if "the same pose" in one["text"])
+    assert warning["level"] == "warn" and warning["text"].startswith("cam0 and cam3 have")
 
 
 def test_a_camera_without_a_pose_is_left_out_with_its_video(videos, tmp_path, toml):

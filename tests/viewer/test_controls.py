@@ -9,6 +9,7 @@ from gaussray.config.compose import compose_config
 from gaussray.render.rig.lens import LensOptions, build_lens
 from gaussray.viewer.controls import (
     GROUPS,
+    aperture_values,
     choice_values,
     consistent_values,
     flat_values,
@@ -57,6 +58,13 @@ def test_a_choice_stays_known_when_its_numbers_move():
     assert nearest_choice("lens", values) == "fisheye"
     values |= choice_values("aperture", "wide") | {"aperture.radius": 0.2}
     assert nearest_choice("aperture", values) == "wide"
+
+
+def test_a_chosen_aperture_has_numbers_that_fit_the_focus():
+    found = aperture_values("cat_eye", 0.5)
+    assert found["aperture.focus_distance"] == 0.5 and found["aperture.radius"] == 0.018
+    assert found["aperture.rim_radius"] == 0.018 and found["aperture.rim_distance"] == 0.03
+    assert aperture_values("pinhole", 0.5)["aperture.focus_distance"] == 0.5
 
 
 def test_what_says_nothing_is_hidden():

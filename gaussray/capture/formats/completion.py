@@ -51,7 +51,7 @@ def no_picture(frame: Keys) -> FileNotFoundError:
     remedy = "Copy the pictures there, or correct the paths."
     return FileNotFoundError(
         f"{frame.where}: file_path must name a picture, got {name!r}: neither it nor another "
-        f"frame's picture is in {folder}.{absent_picture_hint(folder, name, remedy)}"
+        f"frame's picture is in {folder}.{absent_picture_hint(folder, [name], remedy)}"
     )
 
 

@@ -3,8 +3,9 @@ written on another computer, or its pictures were converted."""
 
 import dataclasses
 import glob
+import itertools
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
 
@@ -18,10 +19,13 @@ PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg")
 KNOWN_SUFFIXES = {*PICTURE_SUFFIXES, ".exr", ".tif", ".tiff", ".bmp", ".webp"}
 # Folders between that of the JSON file and a picture's path, at most.
 _PLACES = ("", "*/", "*/*/")
+# Absent pictures that are looked for elsewhere, for a message.
+_LOOKED_FOR = 100
 # Folders of a path, and bytes of one's name, at most.
 _DEEP, _LONG = 40, 250
-# Share of the pictures that must be found in another place.
-_MOST = 0.5
+# Share of the pictures that must be found in another place; of fewer, at least so many, if nothing
+# else is there.
+_MOST, _FEWEST = 0.5, 2
 _NAMED = ("file_path", "mask_path", "depth_file_path")
 # nerfstudio's lists of paths, which tell the split of each.
 _LISTS = ("train_filenames", "val_filenames", "test_filenames")
@@ -45,9 +49,10 @@ def with_found_pictures(frames: list[Keys]) -> list[Keys]:
 
     Names that differ from those of files by case or suffix alone are replaced. Otherwise a folder
     at the beginning of all paths is left out, or replaced by one in the folder of the JSON file: of
-    the places where most pictures are found, the one that keeps most of the paths. Nothing is
-    changed where several keep as much, and pictures of one split are not taken for those of
-    another. A warning tells what was changed.
+    the places where most pictures are found, the one that keeps most of the paths. Fewer than half
+    of the pictures count only where all that are there have the names of some. Nothing is changed
+    where several keep as much, and pictures of one split are not taken for those of another. A
+    warning tells what was changed.
 
     Args:
         frames: the frames of one JSON file.
@@ -65,7 +70,7 @@ def with_found_pictures(frames: list[Keys]) -> list[Keys]:
             f"names are spelt otherwise ({new} for {old}), and are read there."
         )
         return [_with_spellings(frame, spelt) for frame in frames]
-    move = _find_move(folder, names)
+    move = _find_move(folder, names) or _find_full_move(folder, names)
     if move is None:
         # Both moved and converted to another kind of picture.
         bare = [_without_suffix(frame) for frame in frames]
@@ -99,14 +104,53 @@ def _find_move(folder: Path, names: Sequence[tuple[str, ...]]) -> _Move | None:
         before = first[: len(first) - kept]
         counts = {}
         for place in _places_of(folder, first[-kept:]):
-            split = _SPLITS.intersection(before[-1:]) and _SPLITS.intersection(place[-1:])
-            if not split and _home_of_model(folder, place) is None:
+            if _may_replace(folder, before, place):
                 moved = (_moved(name, before, place) for name in names)
                 counts[place] = sum(_is_picture(folder.joinpath(*path)) for path in moved if path)
         most = max(counts.values(), default=0)
         if most >= max(_MOST * len(names), 1):
             return _Move(before, [place for place, n in counts.items() if n == most], most)
     return None
+
+
+def _find_full_move(folder: Path, names: Sequence[tuple[str, ...]]) -> _Move | None:
+    """The move that keeps most of the first path and finds the more of the pictures, to folders
+    that hold no others; None if there is none.
+
+    Args:
+        folder: the folder of the JSON file.
+        names: the paths of the pictures; one that no file system has is empty.
+    """
+    listed = (path for place in _PLACES for path in folder.glob(f"{place}*"))
+    files = {p.relative_to(folder).parts for p in listed if p.suffix.lower() in KNOWN_SUFFIXES}
+    first = next(filter(None, names))
+    for kept in range(len(first), 0, -1):
+        before = first[: len(first) - kept]
+        tails = {name[len(before) :] for name in names if name[: len(before)] == before}
+        found: dict[tuple[str, ...], set[tuple[str, ...]]] = {}
+        for file in files:
+            bare = *file[:-1], Path(file[-1]).stem
+            for k in range(len(file)):
+                if file[k:] in tails or bare[k:] in tails:
+                    found.setdefault(file[:k], set()).add(file)
+        counts = {
+            place: len(pictures)
+            for place, pictures in found.items()
+            if len(pictures) >= _FEWEST
+            and _may_replace(folder, before, place)
+            and not {picture[:-1] for picture in pictures} & {f[:-1] for f in files - pictures}
+        }
+        if counts:
+            most = max(counts.values())
+            return _Move(before, [place for place, n in counts.items() if n == most], most)
+    return None
+
+
+def _may_replace(folder: Path, before: tuple[str, ...], place: tuple[str, ...]) -> bool:
+    """Whether pictures of a place may be those of a folder: neither those of another split, nor
+    those of another model."""
+    split = _SPLITS.intersection(before[-1:]) and _SPLITS.intersection(place[-1:])
+    return not split and _home_of_model(folder, place) is None
 
 
 def _without_suffix(frame: Keys) -> Keys:
@@ -169,16 +213,17 @@ def _with_spellings(frame: Keys, spelt: dict[str, str]) -> Keys:
     return dataclasses.replace(frame, values={**frame.values, **lists, **path})
 
 
-def absent_picture_hint(folder: Path, name: str, remedy: str = "") -> str:
+def absent_picture_hint(folder: Path, names: Iterable[str], remedy: str = "") -> str:
     """A sentence that tells where a picture of the name of an absent one lies, and whether it is
     one of another model, which must not be copied; none if it lies nowhere.
 
     Args:
         folder: where to look, also in its folders and in theirs.
-        name: the path that names no picture.
+        names: paths that name no picture; the first of which there is a file elsewhere is told.
         remedy: a sentence about copying the pictures, which follows unless they must not be copied.
     """
-    path = file_of_same_name(folder, name)
+    found = (file_of_same_name(folder, name) for name in itertools.islice(names, _LOOKED_FOR))
+    path = next(filter(None, found), None)
     home = path and _home_of_model(folder, path.relative_to(folder).parts[:-1])
     if home:
         return (

@@ -1,13 +1,13 @@
 """Gives the cameras of a calibration to those of the input."""
 
 import dataclasses
-import itertools
 import re
 from collections.abc import Sequence
 
 import numpy as np
 
 from gaussray.prepare.calibrations.known_camera import Calibration, KnownCamera
+from gaussray.prepare.calibrations.same_poses import pairs_of_one_pose
 from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.findings.finding import Finding
 from gaussray.prepare.names_of_cameras import camera_in_name
@@ -21,9 +21,6 @@ _MARGIN = 16
 _CROPPED = (
     "Check that the video shows all that the calibration's pictures showed, not a part of it."
 )
-# Poses are the same if no number of the rotations differs by more, nor the places by more of their
-# largest distance from the origin: only copies are so close.
-_SAME = 1e-9
 
 
 def assign_cameras(
@@ -43,11 +40,12 @@ def assign_cameras(
 
     Returns:
         Camera by source name, and a warning for every source that is left out or whose size
-        differs.
+        differs, and for photographs of one pose.
 
     Raises:
         PrepareError: A source has no camera of its name, or one for pictures of another shape; two
-            sources have one camera, or cameras of one pose; or none is left.
+            sources have one camera, or cameras of one pose, unless these are single photographs; or
+            none is left.
     """
     listed = [camera.name for camera in calibration.cameras]
     names = [*listed, *calibration.left_out]
@@ -80,8 +78,7 @@ def assign_cameras(
             f"poses.calibration must have a pose for a camera of videos, got {reasons[:400]}. "
             "Calibrate these cameras, or leave poses.calibration out to estimate poses."
         )
-    _check_poses(result)
-    return result, findings
+    return result, findings + _check_poses(result, sources)
 
 
 def _unnamed_remedy(sources: Sequence[Source]) -> str:
@@ -122,19 +119,29 @@ def _left_out(source: str, name: str, reason: str) -> Finding:
     return Finding("warn", "cameras", text, "Calibrate it, or take its video away.")
 
 
-def _check_poses(cameras: dict[str, KnownCamera]) -> None:
-    """Refuse two cameras of one pose: nothing can be triangulated from them."""
-    position = {name: -camera.pose[:, :3].T @ camera.pose[:, 3] for name, camera in cameras.items()}
-    far = max(float(np.linalg.norm(centre)) for centre in position.values())
-    for one, two in itertools.combinations(cameras, 2):
-        turn = np.abs(cameras[one].pose[:, :3] - cameras[two].pose[:, :3]).max()
-        if turn <= _SAME and np.abs(position[one] - position[two]).max() <= _SAME * far:
+def _check_poses(cameras: dict[str, KnownCamera], sources: Sequence[Source]) -> list[Finding]:
+    """Warn of photographs of one pose, which are not matched with each other; refuse other cameras
+    of one pose, and cameras that all are: nothing can be triangulated from them."""
+    pairs = pairs_of_one_pose(cameras)
+    stills = {source.name for source in sources if not source.is_video and source.count == 1}
+    all_alike = len(pairs) == len(cameras) * (len(cameras) - 1) / 2
+    for one, two in pairs:
+        placeholder = np.array_equal(cameras[one].pose, np.eye(3, 4))
+        if all_alike or placeholder or not {one, two} <= stills:
             raise PrepareError(
                 f"poses.calibration must give each camera a pose of its own, got the same rotation "
                 f"and translation for {one} and {two}, as if they had not been calibrated or one "
                 "had been copied. Calibrate the poses (extrinsics) of both again, or take one of "
-                "the videos away."
+                "them away."
             )
+    if not pairs:
+        return []
+    more = f", and {len(pairs) - 1} more pairs," if len(pairs) > 1 else ""
+    text = (
+        f"{pairs[0][0]} and {pairs[0][1]}{more} have the same pose in the calibration. They are "
+        "not matched with each other"
+    )
+    return [Finding("warn", "cameras", text, "If one was copied, calibrate it again.")]
 
 
 def _named(known: Sequence[str], name: str) -> str | None:

@@ -1,5 +1,7 @@
 """Which pictures of a capture a scene is fitted to, and which are held out to score it."""
 
+from collections.abc import Sequence
+
 from gaussray.capture.capture import Capture
 from gaussray.capture.errors import CaptureError
 
@@ -18,11 +20,13 @@ def demand_training_pictures(capture: Capture) -> None:
         return
     held = len(capture.views)
     if held:
+        others = "capture.test=[CAMERA] holds out a camera by its name."
+        if _has_one_camera(capture):
+            others = f"its single camera cannot be held out. {_instants(capture, ())}"
         raise CaptureError(
             f"{capture.folder}: there must be pictures to fit a scene to, but "
             f"{'the only one is' if held == 1 else f'all {held} are'} held out (split test). "
-            "capture.test=[] fits all of them, and capture.test=[CAMERA] holds out a camera by "
-            "its name."
+            f"capture.test=[] fits all of them, and {others}"
         )
     effects = sum(len(views) for views in capture.effects.values())
     also = f" Its {effects} pictures of camera effects only score a scene." if effects else ""
@@ -32,15 +36,18 @@ def demand_training_pictures(capture: Capture) -> None:
     )
 
 
-def division_sentence(capture: Capture, chosen: bool) -> str:
+def division_sentence(capture: Capture, chosen: bool, frames: Sequence[int] = ()) -> str:
     """How many pictures are fitted and how many held out, why, and how to change that.
 
     Args:
         capture: the capture, of which some pictures are for training.
         chosen: whether capture.test was set; otherwise the capture's format decides.
+        frames: what capture.frames was set to; empty for all instants.
     """
     held = [view for view in capture.views if view.split != "train"]
     fitted = len(capture.views) - len(held)
+    if not held and _has_one_camera(capture):
+        return f"Fits all {fitted} pictures of a single camera. {_instants(capture, frames)}"
     if not held:
         return (
             f"Fits all {fitted} pictures. None is held out to score the scene; "
@@ -53,4 +60,31 @@ def division_sentence(capture: Capture, chosen: bool) -> str:
         f"Fits {fitted} of {len(capture.views)} pictures and holds out {len(held)} to score the "
         f"scene by `gaussray evaluate` ({'camera' if len(names) == 1 else 'cameras'} {listed}), "
         f"{why}. capture.test=[] fits all, capture.test=[CAMERA, ...] holds out others."
+    )
+
+
+def _has_one_camera(capture: Capture) -> bool:
+    """Whether all pictures are of one camera, at three instants or more."""
+    views = capture.views
+    return len({v.camera_name for v in views}) == 1 and len({v.time for v in views}) > 2
+
+
+def _instants(capture: Capture, frames: Sequence[int]) -> str:
+    """How instants are held out where a camera cannot be.
+
+    Args:
+        capture: a capture of one camera.
+        frames: first, last and step of the instants that are fitted; empty for all of them.
+    """
+    first, last, step = frames or (0, -1, 1)
+    fewer = max(step, 2)
+    score = (
+        f"`gaussray evaluate scene=OUT truth={capture.folder} "
+        f"truth_frames=[{first + 1},{last},{fewer}] evaluate.split=all`"
+    )
+    if step > 1:
+        return f"{score} scores the scene at instants in between."
+    return (
+        f"To hold out every other instant, set capture.frames=[{first},{last},2]; then {score} "
+        "scores the scene at the others."
     )

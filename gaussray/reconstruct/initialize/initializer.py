@@ -21,13 +21,10 @@ from gaussray.reconstruct.initialize.from_points import (
     merged,
     typical_gap,
 )
-from gaussray.reconstruct.initialize.stereo.from_pictures import (
-    first_views,
-    points_from_pictures,
-    still_views,
-)
+from gaussray.reconstruct.initialize.stereo.from_pictures import points_from_pictures
 from gaussray.reconstruct.initialize.stereo.guess import guessed_points
 from gaussray.reconstruct.initialize.stereo.uncovered import VIEWS, coverage, uncovered_points
+from gaussray.reconstruct.initialize.stereo.view_sets import first_views, still_views
 from gaussray.reconstruct.options import FitOptions
 from gaussray.runtime.progress import ProgressReport, no_report
 

@@ -47,6 +47,7 @@ class Removals:
         self._report, self._measured = report, 0
         self._plan = _measurements(candidate.scene, masked=meter.masked)
         self.begin("nothing")
+        report(0, sum(self._plan.values()), "measures the scene")
         self.psnr = self._cost(candidate, "what does nothing")
         self.steps: list[dict[str, Any]] = []
         self._record("what does nothing", candidate, self.psnr, True)

@@ -39,7 +39,7 @@ class CameraOptions(eqx.Module):
         kind: "capture" renders frames of a capture: those of the cameras in `names` (empty: all
             cameras of `split`) at the `times` (empty: all). The others need no capture: "look_at"
             stands still, "orbit" circles around `target`, "path" follows the poses of `file`.
-        split: train or test.
+        split: train, test, or all for both.
         names: names of cameras, instead of a split.
         times: times of frames in the scene's unit.
         eye: position of the camera, of an orbit its first one. Empty is the position of one of the
@@ -73,8 +73,8 @@ class CameraOptions(eqx.Module):
             raise ValueError(
                 f"camera.kind must be one of {', '.join(CAMERA_KINDS)}, got {self.kind!r}."
             )
-        if self.split not in ("train", "test"):
-            raise ValueError(f"camera.split must be train or test, got {self.split!r}.")
+        if self.split not in ("train", "test", "all"):
+            raise ValueError(f"camera.split must be train, test or all, got {self.split!r}.")
         if self.frames < 1:
             raise ValueError(f"camera.frames must be at least 1, got {self.frames}.")
         for key in ("eye", "target", "up"):

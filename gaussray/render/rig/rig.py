@@ -1,6 +1,7 @@
 """The cameras of a render: a capture's, with another lens, aperture, shutter or trajectory."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import equinox as eqx
@@ -8,16 +9,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from gaussray.camera.aperture import Aperture
 from gaussray.camera.camera import Camera, check_focus
-from gaussray.camera.lens import AbstractLens
 from gaussray.capture.capture import View
 from gaussray.capture.formats.paired import read_cameras
 from gaussray.capture.formats.transforms import PINHOLE_FILE
 from gaussray.capture.open import FORMATS, format_of
 from gaussray.dataset.manifest import FrameRecord
 from gaussray.io.plain_values import to_device
-from gaussray.render.rig.aperture import ApertureOptions as ApertureOptions, build_aperture
+from gaussray.render.rig.aperture import (
+    ApertureOptions as ApertureOptions,
+    build_aperture,
+    resolve_aperture,
+)
 from gaussray.render.rig.film import FilmOptions as FilmOptions, apply_film
 from gaussray.render.rig.lens import LensOptions as LensOptions, build_lens, lens_label
 from gaussray.render.rig.placed import CameraOptions as CameraOptions
@@ -46,7 +49,12 @@ class RigOptions(eqx.Module):
 
 
 def frame_records(
-    views: Sequence[View], *, options: RigOptions, samples: int, format: str = "png"
+    views: Sequence[View],
+    *,
+    options: RigOptions,
+    samples: int,
+    format: str = "png",
+    measure: Callable[[Camera, str], float] | None = None,
 ) -> list[FrameRecord]:
     """The frames to render, each with its camera and the path of its picture.
 
@@ -55,6 +63,9 @@ def frame_records(
         options: which of them to render, and what to change about their cameras.
         samples: rays per pixel, for the record.
         format: file format of the pictures: png (8-bit sRGB) or exr (linear light).
+        measure: measures the distance that `aperture.focus_distance=auto` stands for, at a camera
+            and for a kind of focus ("plane" or "sphere"). It is called at most once, for the first
+            frame's camera. None where all lengths of the aperture are numbers.
 
     Raises:
         ValueError: The options choose no frame, or no camera can be built from them.
@@ -63,7 +74,7 @@ def frame_records(
         raise ValueError(f"format must be png (sRGB) or exr (linear light), got {format!r}.")
     frames = move_cameras(_choose(views, options.camera), options.trajectory)
     effect = _effect_name(options)
-    records, lenses = [], {}
+    records, lenses, aperture = [], {}, options.aperture
     delays = trigger_delays(options.shutter, list(dict.fromkeys(name for name, _, _ in frames)))
     for i, (name, split, camera) in enumerate(frames):
         camera = apply_film(camera, options.film)
@@ -77,12 +88,15 @@ def frame_records(
         built = Camera(
             film,
             lens,
-            _aperture(camera, lens, options.aperture),
+            camera.aperture,
             build_shutter(camera, options.shutter, delays.get(name)),
             camera.trajectory,
             camera.time,
             clip_start=_clip_start(camera, options.camera),
         )
+        if i == 0 and measure is not None:
+            aperture = resolve_aperture(aperture, partial(measure, built, aperture.focus))
+        built = _with_aperture(built, aperture)
         path = f"images/{effect}/{name}/{i:04d}.{format}"
         records.append(FrameRecord(path, built, name, split, effect, samples))
     return records
@@ -114,7 +128,7 @@ def _choose(views: Sequence[View], options: CameraOptions) -> list[tuple[str, st
     of_cameras = [
         view
         for view in views
-        if (view.camera_name in options.names if options.names else view.split == split)
+        if (view.camera_name in options.names if options.names else split in ("all", view.split))
     ]
     if of_cameras:
         _check_times(of_cameras, options)
@@ -145,11 +159,12 @@ def _check_times(views: Sequence[View], options: CameraOptions) -> None:
             )
 
 
-def _aperture(camera: Camera, lens: AbstractLens, options: ApertureOptions) -> Aperture:
+def _with_aperture(camera: Camera, options: ApertureOptions) -> Camera:
+    if options.radius is None:
+        return camera
     aperture = build_aperture(camera, options)
-    if options.radius:
-        check_focus(aperture, lens)
-    return aperture
+    check_focus(aperture, camera.lens)
+    return eqx.tree_at(lambda c: c.aperture, camera, aperture)
 
 
 def _clip_start(camera: Camera, options: CameraOptions) -> Array | None:

@@ -16,7 +16,7 @@ def check_cameras(options: RigOptions, records: Sequence[FrameRecord]) -> None:
     """Check that real cameras could take these frames.
 
     Lenses, apertures and physical settings check their own values (`camera.lens.check_lens`,
-    `camera.aperture.Aperture`, `physical_units`).
+    `camera.aperture.Aperture`, `rig.aperture.ApertureOptions`, `physical_units`).
 
     Args:
         options: the rig.
@@ -25,9 +25,7 @@ def check_cameras(options: RigOptions, records: Sequence[FrameRecord]) -> None:
     Raises:
         ValueError: A value breaks its rule; the message names the key.
     """
-    focus, readout = options.aperture.focus_distance, options.shutter.readout
-    if not focus > 0:
-        raise ValueError(f"aperture.focus_distance must be above 0, got {focus}.")
+    readout = options.shutter.readout
     if not readout >= 0:
         raise ValueError(
             f"shutter.readout must be at least 0, got {readout}. shutter.direction reads from the "

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from gaussray.capture.errors import CaptureWarning
+from gaussray.capture.errors import CaptureError, CaptureWarning
 from gaussray.capture.open import open_capture
 
 
@@ -77,6 +77,33 @@ def test_where_one_picture_is_where_the_file_says_others_are_just_missing(tmp_pa
     assert "1 of 2 frames have no picture" in str(told[0].message)
 
 
+@pytest.mark.parametrize(
+    ("listed", "stored"),
+    [
+        ("images/{}.jpg", "rgb/{}.jpg"),
+        ("/home/x/images/{}", "rgb/{}.jpg"),
+        ("in/cam/{}.png", "out/cam/{}.png"),
+    ],
+)
+def test_a_few_pictures_are_found_where_nothing_else_is(tmp_path, listed, stored):
+    there = ["7", "8"]
+    folder = folder_of(tmp_path, map(listed.format, range(9)), map(stored.format, there))
+    with pytest.warns(CaptureWarning) as told:
+        capture = open_capture(folder)
+    assert [view.image for view in capture.views] == [tmp_path / stored.format(n) for n in there]
+    assert any("2 of 9 are found if it begins with" in str(one.message) for one in told)
+
+
+def test_that_one_of_many_absent_pictures_lies_elsewhere_is_told(tmp_path):
+    intrinsics = {"w": 16, "h": 12}
+    stored = ["rgb/7.png", "rgb/other.png"]
+    folder = folder_of(tmp_path, [f"images/{k}.png" for k in range(9)], stored)
+    content = json.loads((folder / "transforms.json").read_text())
+    (folder / "transforms.json").write_text(json.dumps({**intrinsics, **content}))
+    with pytest.raises(CaptureError, match=r"9 of 9 frames .*A file of this name is .*7\.png"):
+        open_capture(folder)
+
+
 def test_masks_move_with_their_pictures(tmp_path):
     folder = folder_of(tmp_path, ["x/images/a.png"], ["images/a.png", "masks/a.png"])
     content = json.loads((folder / "transforms.json").read_text())
@@ -100,7 +127,8 @@ def test_the_lists_of_splits_move_with_their_pictures(tmp_path):
 
 
 def test_a_file_beside_that_has_another_name_is_not_taken(tmp_path):
-    folder = folder_of(tmp_path, [f"in/{k}.png" for k in range(5)], ["out/0.png", "out/1.png"])
+    stored = ["out/0.png", "out/1.png", "out/other.png"]
+    folder = folder_of(tmp_path, [f"in/{k}.png" for k in range(7)], stored)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         with pytest.raises(FileNotFoundError, match="must name a picture"):

@@ -1,5 +1,6 @@
 """Calibrations of other programs: one rig in every format is one rig."""
 
+import dataclasses
 import json
 import pathlib
 import re
@@ -290,6 +291,16 @@ def test_two_cameras_of_one_pose_are_refused(tmp_path):
     calibration = Calibration([*cameras[:2], copied])
     with pytest.raises(PrepareError, match=r"for cam02 and cam03, .* Calibrate the poses"):
         assign_cameras(calibration, [source(name) for name in NAMES])
+    # Two photographs may be from one place, unless nobody has calibrated it, or all are from it.
+    photographs = stills_by_camera(calibration, stills(*NAMES))
+    _, findings = assign_cameras(calibration, photographs)
+    (text,) = (one.text for one in findings if one.subject == "cameras")
+    assert text.startswith("cam02 and cam03 have the same pose") and "not matched" in text
+    nowhere = [KnownCamera(c.name, c.lens, np.eye(3, 4)) for c in cameras[1:]]
+    alike = [dataclasses.replace(camera, pose=cameras[0].pose) for camera in cameras]
+    for given in ([cameras[0], *nowhere], alike):
+        with pytest.raises(PrepareError, match="as if they had not been calibrated"):
+            assign_cameras(Calibration(given), photographs)
     # Neither the same place alone nor the same rotation alone is a copy.
     turned, moved = cameras[1].pose.copy(), cameras[1].pose.copy()
     turn = Rotation.from_rotvec([0, 1e-3, 0]).as_matrix()

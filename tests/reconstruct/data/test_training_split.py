@@ -7,6 +7,7 @@ import toy
 
 from gaussray.capture.errors import CaptureError
 from gaussray.capture.formats.paired import read_capture
+from gaussray.capture.selection import Selection, selected
 from gaussray.cli.main import main
 from gaussray.reconstruct import reconstruct
 from gaussray.reconstruct.data.training_split import (
@@ -43,6 +44,25 @@ def test_the_sentence_counts_pictures_and_names_cameras_reason_and_remedy(folder
     assert "as capture.test says" in division_sentence(divided(capture, 1), True)
     none = division_sentence(divided(capture, 0), False)
     assert none.startswith(f"Fits all {count} pictures.") and "capture.test=[CAMERA]" in none
+
+
+def test_of_a_single_camera_instants_are_held_out(folder):
+    capture = read_capture(folder)
+    name = capture.views[0].camera_name
+    views = [v for v in divided(capture, 0).views if v.camera_name == name]
+    single = dataclasses.replace(capture, views=views)
+    all_of_it = division_sentence(single, False)
+    assert "capture.frames=[0,-1,2]" in all_of_it and "capture.test" not in all_of_it
+    assert f"truth={folder} truth_frames=[1,-1,2] evaluate.split=all" in all_of_it
+    assert "truth_frames=[3,9,4] evaluate.split=all" in division_sentence(single, False, [2, 9, 4])
+    with pytest.raises(CaptureError, match=r"its single camera .* capture.frames=\[0,-1,2\]"):
+        demand_training_pictures(divided(single, len(views)))
+    # The instants of both are those of the capture, none in common.
+    fitted, scored = (
+        {v.time for v in selected(single, Selection(frames=frames)).views}
+        for frames in ((0, -1, 2), (1, -1, 2))
+    )
+    assert fitted | scored == {v.time for v in views} and not fitted & scored
 
 
 def test_a_capture_of_held_out_pictures_alone_is_refused_before_anything_is_written(

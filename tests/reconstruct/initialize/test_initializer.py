@@ -93,3 +93,14 @@ def test_where_nothing_can_be_guessed_the_start_is_random(started):
 def test_an_unknown_start_is_refused_with_those_there_are():
     with pytest.raises(ValueError, match="fit.start must be one of auto, given, stereo, random"):
         FitOptions(start="colmap")
+
+
+def test_stereo_fills_up_known_points_only_where_they_leave_surfaces_empty():
+    x, y = np.meshgrid(np.arange(20.0), np.arange(10.0))
+    plane = np.stack([x.ravel(), y.ravel(), np.zeros(200)], axis=1).astype(np.float32)
+    known = Points(plane[plane[:, 0] < 10], np.zeros((100, 3), np.float32))
+    matched = Points(plane + np.float32([0.2, 0.1, 0]), np.ones((200, 3), np.float32))
+    whole = initializer.filled_up(known, matched)
+    np.testing.assert_array_equal(whole.position[:100], known.position)
+    added = whole.position[100:]
+    assert len(added) == 100 and added[:, 0].min() > 10 and np.all(whole.color[100:] == 1)

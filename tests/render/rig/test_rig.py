@@ -85,6 +85,16 @@ def test_a_capture_without_held_out_cameras_is_rendered_from_all(views):
     assert len(built(trained)) == len(views)
 
 
+def test_both_splits_of_a_capture_can_be_rendered(views):
+    mixed = [dataclasses.replace(v, split=("train", "test")[k % 2]) for k, v in enumerate(views)]
+
+    def count(split):
+        return len(built(mixed, camera=rig.CameraOptions(split=split)))
+
+    assert min(count("train"), count("test")) > 0
+    assert count("train") + count("test") == count("all") == len(views)
+
+
 def test_every_lens_is_what_it_says(views):
     k = (0.0, -0.0745, -1.5e-4, -2.5e-5, 2e-7)
     flat = built(views, lens=rig.LensOptions("pinhole", 90.0))[0]
@@ -164,8 +174,8 @@ def test_impossible_lenses_are_refused_by_key_and_rule(views, lens, message):
 def test_a_lens_that_sees_behind_focuses_on_a_sphere(views):
     lens = rig.LensOptions("equidistant", 220.0)
     with pytest.raises(ValueError, match="aperture.focus must be sphere .* got plane"):
-        built(views, lens=lens, aperture=rig.ApertureOptions(0.1))
-    sphere = built(views, lens=lens, aperture=rig.ApertureOptions(0.1, focus="sphere"))[0]
+        built(views, lens=lens, aperture=rig.ApertureOptions(0.1, 2.5))
+    sphere = built(views, lens=lens, aperture=rig.ApertureOptions(0.1, 2.5, focus="sphere"))[0]
     assert sphere.effect == "fisheye+depth_of_field"
 
 
@@ -241,7 +251,12 @@ def test_every_camera_has_its_trigger(views):
         ("shutter", {"kind": "rolling", "row_times": (1.0,)}, "shutter.row_times needs"),
         ("shutter", {"trigger": (0.1, 0.2)}, "shutter.trigger must be one delay, or one for each"),
         ("shutter", {"kind": "interlaced", "first_field": "x"}, "shutter.first_field must be"),
-        ("aperture", {"radius": 0.1, "rim_radius": 0.1}, "aperture.rim_distance must be above 0"),
+        (
+            "aperture",
+            {"radius": 0.1, "focus_distance": 2.5, "rim_radius": 0.1},
+            "aperture.rim_distance must be above 0",
+        ),
+        ("aperture", {"radius": 0.1}, "aperture.focus_distance = auto must be numbers"),
         ("aperture", {"radius": 0.1, "focus_times": (0.0,)}, "aperture.focus_distances must be"),
         ("trajectory", {"file": "a.txt"}, "trajectory.file needs trajectory.kind=path"),
         ("trajectory", {"kind": "path"}, "trajectory.kind=path needs trajectory.file"),

@@ -6,7 +6,6 @@ something of another colour. Such points are removed, the nearest ones first; wh
 is judged after them. A start with them is a fog that a fit takes thousands of steps to clear.
 """
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -14,7 +13,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from gaussray.reconstruct.data.backdrop import BackdropColor, like_backdrop
 from gaussray.reconstruct.initialize.stereo.views import (
     StereoViews,
     distance_from,
@@ -46,8 +44,6 @@ def contradicted(
     color: Float[np.ndarray, "points 3"],
     *,
     fixed: Float[np.ndarray, "fixed 3"] | None = None,
-    plain: BackdropColor | None = None,
-    report: Callable[[int], object] = lambda done: None,
 ) -> Bool[np.ndarray, " points"]:
     """Which points too many pictures contradict: more than half as many as confirm them, and one.
 
@@ -56,12 +52,10 @@ def contradicted(
     median difference of each picture does not count.
 
     Args:
-        views: small pictures that show what stands still (`from_pictures.small_views`).
+        views: small pictures that show what stands still (`view_sets.small_views`).
         position: the points, in the world.
         color: theirs, sRGB-encoded, in 0..1.
         fixed: points that hide others and stay.
-        plain: the colour of a backdrop, which confirms nothing: it is seen without a point, too.
-        report: called with the number of pictures compared.
     """
     count, fixed = len(position), np.zeros((0, 3)) if fixed is None else fixed
     total = count + len(fixed)
@@ -72,17 +66,13 @@ def contradicted(
     place, shade = (np.full((rows, 3), np.nan, np.float32) for _ in range(2))
     place[:total] = np.concatenate([position, fixed])
     shade[:count] = color
-    backed = np.zeros(total, bool)
-    if plain is not None:
-        backed[:count] = like_backdrop(color, plain)
-    looks = _looks(views, jnp.asarray(place), jnp.asarray(shade), total, report)
+    looks = _looks(views, jnp.asarray(place), jnp.asarray(shade), total)
     for _ in range(_ROUNDS):
         confirmed, against = (np.zeros(total, np.int32) for _ in range(2))
         for look in looks:
             visible = _visible(look, keep)
             confirmed[look.index[visible & ~look.differs]] += 1
             against[look.index[visible & look.differs]] += 1
-        confirmed[backed] = 0
         gone = keep & (against > _SHARE * confirmed + _ONE_MORE)
         gone[count:] = False
         keep &= ~gone
@@ -103,9 +93,7 @@ class _Look(NamedTuple):
     cells: int
 
 
-def _looks(
-    views: StereoViews, place: Array, shade: Array, total: int, report: Callable[[int], object]
-) -> list[_Look]:
+def _looks(views: StereoViews, place: Array, shade: Array, total: int) -> list[_Look]:
     """How every picture sees the points."""
     h, w = views.size
     looks = []
@@ -125,7 +113,6 @@ def _looks(
         looks.append(
             _Look(index, cell.astype(np.int32), away[index], differs[index], across * -(-h // side))
         )
-        report(i + 1)
     return looks
 
 

@@ -7,18 +7,13 @@ from typing import NamedTuple, TypeVar
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float, Int, Shaped
-from scipy.ndimage import binary_dilation
+from jaxtyping import Bool, Float
 
-from gaussray.camera.camera import Camera
 from gaussray.capture.points import Points
-from gaussray.reconstruct.data.backdrop import backdrop_of
+from gaussray.reconstruct.data.backdrop import BackdropColor, backdrop_of, like_backdrop
 from gaussray.reconstruct.data.pictures import Footage
 from gaussray.reconstruct.data.still_cameras import (
-    FEWEST_FRAMES,
     MedianMasks,
-    camera_frames,
-    median_picture,
 )
 from gaussray.reconstruct.initialize.stereo.carving import contradicted
 from gaussray.reconstruct.initialize.stereo.matching import reduced_mask, reduction, stereo_points
@@ -30,7 +25,14 @@ from gaussray.reconstruct.initialize.stereo.options import (
 from gaussray.reconstruct.initialize.stereo.points import StereoPoints, no_points
 from gaussray.reconstruct.initialize.stereo.silhouette import silhouette_points
 from gaussray.reconstruct.initialize.stereo.velocity import point_motion
-from gaussray.reconstruct.initialize.stereo.views import StereoViews, stereo_views
+from gaussray.reconstruct.initialize.stereo.view_sets import (
+    MovingPixels,
+    moving_views,
+    small_views,
+    some_views,
+    still_views,
+)
+from gaussray.reconstruct.initialize.stereo.views import stereo_views
 from gaussray.runtime.progress import ProgressReport, no_report
 
 
@@ -38,30 +40,9 @@ from gaussray.runtime.progress import ProgressReport, no_report
 _BELIEVED = 2.0
 # Points of what moves per moving pixel of a picture, below which silhouettes fill up.
 _ENOUGH = 0.25
-# Pixels that a picture in which points are looked at is reduced to, at most.
-_SMALL = 33_000
 
 T = TypeVar("T")
 U = TypeVar("U")
-
-# Which pixels of a frame move; None where that is not known.
-MovingPixels = Callable[[int], Bool[np.ndarray, "h w"] | None]
-
-
-class StereoViewSet(NamedTuple):
-    """Pictures that show one instant, or what stands still, with their cameras.
-
-    Args:
-        pictures: sRGB-encoded, bytes or floats in 0..1.
-        masks: which pixels count; None if all do.
-        cameras: their cameras, stacked.
-        frames: the frame of the footage that each picture is of (the first, for a median).
-    """
-
-    pictures: Shaped[np.ndarray, "views h w 3"]
-    masks: Bool[np.ndarray, "views h w"] | None
-    cameras: Camera
-    frames: Int[np.ndarray, " views"]
 
 
 class MovingPoints(NamedTuple):
@@ -102,8 +83,8 @@ def points_from_pictures(
         known: points that are there already (of a structure from motion, say): they narrow the
             distances down.
         moving: whether what moves gets points, too.
-        report: called with the number of steps done and their total: for what stands still, three
-            for each picture.
+        report: called with the number of steps done and their total: one for each picture that is
+            matched, and a few for what takes less time.
 
     Returns:
         Positions in the world and linear colours; none where fewer than two views overlap.
@@ -118,7 +99,9 @@ def points_from_pictures(
     if moving:
         first = moving_views(footage, float(footage.times.min()), MedianMasks(footage))
     pictures = len(still.frames) if len(still.frames) > 1 else 0
-    steps = 3 * pictures + 2 * (0 if first is None else len(first[0].frames))
+    # After matching, one step confirms, and one compares colours (of what stands still).
+    still_steps = pictures + 2 if pictures else 0
+    steps = still_steps + (0 if first is None else len(first[0].frames) + 1)
     if steps:
         report(0, steps, "loads or compiles its programs")
     parts = []
@@ -131,25 +114,28 @@ def points_from_pictures(
             known=position,
             report=lambda done: report(done, steps),
         )
-        plain = backdrop_of(footage)
-        wrong = contradicted(
-            small_views(still),
-            matched.position,
-            matched.color,
-            plain=plain,
-            report=lambda done: report(2 * pictures + done, steps),
-        )
+        matched = _before_backdrop(matched, backdrop_of(footage))
+        wrong = contradicted(small_views(still), matched.position, matched.color)
+        report(still_steps, steps)
         parts.append(StereoPoints(*(x[~wrong] for x in matched)))
     if first is not None:
         parts.append(
             _moving(
                 *first,
                 options,
-                report=lambda done: report(3 * pictures + done, steps),
+                report=lambda done: report(still_steps + done, steps),
             )
         )
     found = StereoPoints(*(np.concatenate(x) for x in zip(no_points(), *parts, strict=True)))
     return Points(found.position.astype(np.float32), found.light.astype(np.float32))
+
+
+def _before_backdrop(points: StereoPoints, plain: BackdropColor | None) -> StereoPoints:
+    """The points that do not have the colour of a plain backdrop. Points that do match anywhere in
+    the air: pictures on all sides show that colour."""
+    if plain is None:
+        return points
+    return StereoPoints(*(x[~like_backdrop(points.color, plain)] for x in points))
 
 
 def moving_points(
@@ -236,68 +222,6 @@ def _alone(
     return no_points()
 
 
-def still_views(footage: Footage) -> StereoViewSet:
-    """One view per camera that stands still, its temporal median; of the others every frame."""
-    pictures, masks, frames = [], [], []
-    for own, still in camera_frames(footage):
-        own = own if not still else own[: 1 if len(own) < FEWEST_FRAMES else None]
-        if not still or len(own) == 1:
-            pictures += list(footage.pictures(own))
-            known = footage.masks(own)
-            masks += [] if known is None else list(known)
-            frames += own.tolist()
-            continue
-        median, known = median_picture(footage, own)
-        pictures.append(median)
-        masks.append(known)
-        frames.append(int(own[0]))
-    chosen = np.array(frames, np.int64)
-    cameras = jax.tree.map(lambda x: x[chosen], footage.camera)
-    seen = np.stack(masks) if len(masks) == len(pictures) else None
-    return StereoViewSet(_stack(pictures, footage.scale), seen, cameras, chosen)
-
-
-def first_views(footage: Footage, most: int) -> StereoViewSet:
-    """The first picture of each camera that stands still, and all pictures of the others.
-
-    Args:
-        footage: the training pictures and their cameras.
-        most: largest number of pictures; of more, an even share is taken.
-    """
-    own = [frames[:1] if still else frames for frames, still in camera_frames(footage)]
-    chosen = np.sort(np.concatenate(own))
-    if len(chosen) > most:
-        chosen = chosen[np.linspace(0, len(chosen) - 1, most).round().astype(int)]
-    cameras = jax.tree.map(lambda x: x[chosen], footage.camera)
-    return StereoViewSet(footage.pictures(chosen), footage.masks(chosen), cameras, chosen)
-
-
-def moving_views(
-    footage: Footage, time: float, moved: MovingPixels
-) -> tuple[StereoViewSet, Bool[np.ndarray, "views h w"]] | None:
-    """The pictures of one timestamp, masked to what moves and a margin, and which pixels move; None
-    unless one of them shows that something moves, and another one does or may.
-
-    Args:
-        footage: the training pictures and their cameras.
-        time: the timestamp, in the capture's unit.
-        moved: which pixels of a frame move; frames for which it gives None count everywhere, to
-            match the others with, and none of their pixels moves.
-    """
-    chosen = np.flatnonzero(footage.times == footage.times.dtype.type(time))
-    found = [moved(int(frame)) for frame in chosen]
-    shows = sum(mask is not None and mask.any() for mask in found)
-    if not shows or shows + sum(mask is None for mask in found) < 2:
-        return None
-    everywhere = np.ones((footage.film.height, footage.film.width), bool)
-    masks = np.stack([~everywhere if mask is None else mask for mask in found])
-    wide = np.stack(
-        [everywhere if m is None else binary_dilation(m, np.ones((3, 3)), 3) for m in found]
-    )
-    cameras = jax.tree.map(lambda x: x[chosen], footage.camera)
-    return StereoViewSet(footage.pictures(chosen), wide, cameras, chosen), masks
-
-
 def _moving(views, moved, options, known=None, report=lambda done: None) -> StereoPoints:
     """Points of the pixels that move; a silhouette that misses a point counts against it. Where
     fewer of them match than a share of the pixels, points inside the silhouettes fill up."""
@@ -318,32 +242,3 @@ def _moving(views, moved, options, known=None, report=lambda done: None) -> Ster
     seen = stereo_views(own.pictures, own.cameras, own.masks, factor=factor)
     inside = silhouette_points(seen, wanted[told])
     return StereoPoints(*(np.concatenate(x) for x in zip(matched, inside, strict=True)))
-
-
-def _stack(pictures, scale):
-    return (
-        np.stack(pictures) if pictures else np.zeros((0, 1, 1, 3), np.uint8 if scale > 1 else float)
-    )
-
-
-def small_views(seen: StereoViewSet) -> StereoViews:
-    """The pictures, reduced to _SMALL pixels, in which points are looked at.
-
-    Args:
-        seen: pictures that show what stands still.
-    """
-    factor = reduction(seen.pictures.shape[1:3], _SMALL)
-    return stereo_views(seen.pictures, seen.cameras, seen.masks, factor=factor)
-
-
-def some_views(views: StereoViewSet, most: int) -> StereoViewSet:
-    """The views, or an even share of them.
-
-    Args:
-        views: the pictures and their cameras.
-        most: largest number of views.
-    """
-    if len(views.frames) <= most:
-        return views
-    chosen = np.linspace(0, len(views.frames) - 1, most).round().astype(int)
-    return jax.tree.map(lambda x: x[chosen], views)

@@ -9,9 +9,9 @@ from gaussray.capture.points import Points
 from gaussray.color import srgb_decode
 from gaussray.reconstruct.data.backdrop import BackdropColor, like_backdrop
 from gaussray.reconstruct.initialize.stereo.agreement import WINDOW, agreeing_distance
-from gaussray.reconstruct.initialize.stereo.from_pictures import StereoViewSet, some_views
 from gaussray.reconstruct.initialize.stereo.neighbours import typical_spread
 from gaussray.reconstruct.initialize.stereo.uncovered import VIEWS
+from gaussray.reconstruct.initialize.stereo.view_sets import StereoViewSet, some_views
 from gaussray.reconstruct.initialize.stereo.views import rays, stereo_views, unpacked
 
 

@@ -61,7 +61,7 @@ def stereo_points(
         known: points of the scene, as a structure from motion finds them: they narrow down the
             distances that are looked at.
         wanted: of which pixels of the reduced pictures there shall be points; None is of all.
-        report: called with the number of views done, of twice as many as pictures.
+        report: called with the number of steps done: one for each view that is matched, and one.
 
     Raises:
         ValueError: fewer than two views.
@@ -82,7 +82,7 @@ def stereo_points(
     for rows in batches:
         of = None if wanted is None else wanted[rows]
         parts += confirmed(views, rows, pairs, surface, options, of)
-        report(count + min(int(rows[-1]) + 1, count))
+    report(count + 1)
     return evenly(
         StereoPoints(*map(np.concatenate, zip(*parts[:count], strict=True))), options.points
     )

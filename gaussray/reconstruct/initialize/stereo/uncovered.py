@@ -20,12 +20,8 @@ from gaussray.color import srgb_decode
 from gaussray.reconstruct.data.backdrop import BackdropColor, like_backdrop
 from gaussray.reconstruct.initialize.stereo.agreement import agreeing_distance
 from gaussray.reconstruct.initialize.stereo.carving import contradicted
-from gaussray.reconstruct.initialize.stereo.from_pictures import (
-    StereoViewSet,
-    small_views,
-    some_views,
-)
 from gaussray.reconstruct.initialize.stereo.neighbours import typical_spread
+from gaussray.reconstruct.initialize.stereo.view_sets import StereoViewSet, small_views, some_views
 from gaussray.reconstruct.initialize.stereo.views import (
     StereoViews,
     distance_from,
@@ -107,7 +103,7 @@ def uncovered_points(
     report(len(seen.frames), len(seen.frames))
     color = np.concatenate([np.zeros((0, 3)), *colors])
     found = every[len(position) : filled]
-    right = ~contradicted(views, found, color.astype(np.float32), fixed=position, plain=plain)
+    right = ~contradicted(views, found, color.astype(np.float32), fixed=position)
     light = srgb_decode(color[right].astype(np.float64))
     return Points(found[right], light.astype(np.float32))
 

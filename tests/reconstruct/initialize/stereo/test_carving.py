@@ -77,16 +77,3 @@ def test_colours_that_tell_nothing_and_views_alone_remove_nothing():
     assert not contradicted(views, place, np.round(dice.random(color.shape))).any()
     assert not contradicted(jax.tree.map(lambda x: x[:1], views), place, color).any()
     assert contradicted(views, place[:0], color[:0]).shape == (0,)
-
-
-def test_a_backdrop_confirms_nothing():
-    cameras = rig(perspective(), PLACES[:VIEWS])
-    pictures = np.ones((VIEWS, SIZE, SIZE, 3), np.float32)
-    # On their left, two of five pictures show something else.
-    pictures[3:, :, : SIZE // 3] = 0
-    views = stereo_views(pictures, cameras, None, factor=1)
-    place, _ = points(views, 0.0)
-    white = np.ones_like(place)
-    gone = contradicted(views, place, white, plain=(1.0, 1.0, 1.0))
-    assert 0.1 < gone.mean() < 0.5
-    assert contradicted(views, place, white).mean() < gone.mean() / 2

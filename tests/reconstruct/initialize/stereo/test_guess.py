@@ -6,8 +6,8 @@ import pytest
 from textured_plane import NORMAL, OFFSET, PLACES, SIZE, perspective, rig, seen
 
 from gaussray.color import srgb_encode
-from gaussray.reconstruct.initialize.stereo.from_pictures import StereoViewSet
 from gaussray.reconstruct.initialize.stereo.guess import guessed_points
+from gaussray.reconstruct.initialize.stereo.view_sets import StereoViewSet
 
 
 FACTOR = 2

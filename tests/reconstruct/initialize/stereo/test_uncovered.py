@@ -8,12 +8,12 @@ import pytest
 from textured_plane import PLACES, SIZE, perspective, rig, seen
 
 from gaussray.color import srgb_encode
-from gaussray.reconstruct.initialize.stereo.from_pictures import StereoViewSet
 from gaussray.reconstruct.initialize.stereo.uncovered import (
     coverage,
     hiding,
     uncovered_points,
 )
+from gaussray.reconstruct.initialize.stereo.view_sets import StereoViewSet
 from gaussray.reconstruct.initialize.stereo.views import seen_at, stereo_views
 
 

@@ -1,0 +1,96 @@
+"""Captures of Middlebury's multi-view stereo (Seitz et al. 2006): cameras in `NAME_par.txt`."""
+
+import re
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import DTypeLike
+
+from gaussray.capture.capture import Capture
+from gaussray.capture.formats.completion import completed
+from gaussray.capture.formats.json_keys import Keys
+from gaussray.capture.formats.poses import opengl_pose
+from gaussray.capture.formats.sfm_project import FIRST_PIXEL, begins_with, rotation_in
+from gaussray.capture.formats.transforms import points_of, views_of
+from gaussray.io.safe.files import read_text
+from gaussray.io.safe.limits import within
+
+
+# The file of cameras, and its first two lines: how many, and a picture's name with 21 numbers.
+PAR_FILE = "*_par.txt"
+_FIRST_LINES = rb"\A\s*\d{1,9}\s*\n[ \t]*\S[^\n]*?([ \t]+[-+\d.eE]+){21}\s*(\n|\Z)"
+# K and R, row by row, then t.
+_NUMBERS = 21
+
+
+def middlebury_file(folder: Path) -> Path | None:
+    """The file of cameras of such a capture, the first by name; None if there is none."""
+    return next((path for path in sorted(folder.glob(PAR_FILE)) if _is_par(path)), None)
+
+
+def read_middlebury(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
+    """A still scene: each line of `NAME_par.txt` has a picture's name, and K, R and t of it.
+
+    A projection is K [R t] in OpenCV's axes, of pixels whose middles are whole numbers. None of the
+    pictures is held out.
+
+    Args:
+        folder: the folder with the file and the pictures.
+        dtype: type of the cameras' numbers.
+
+    Raises:
+        CaptureError: a line is none of a camera; the message names it.
+        FileNotFoundError: no such file is there, or none of its pictures.
+    """
+    folder = Path(folder)
+    path = middlebury_file(folder)
+    if path is None:
+        raise FileNotFoundError(f"{folder}: holds no {PAR_FILE} with K, R and t of each picture.")
+    text = read_text(path).decode("utf-8-sig", "replace")
+    lines = [line for line in text.splitlines() if line.strip()]
+    top, count = Keys(path, {}), int(lines[0])
+    if count != len(lines) - 1:
+        top.warn(
+            f"the first line says {count} pictures, but {len(lines) - 1} follow: all are read."
+        )
+    others = [other.name for other in sorted(folder.glob(PAR_FILE)) if other != path]
+    if any(_is_par(folder / name) for name in others):
+        top.warn(f"{', '.join(others)} is not read. Move this file away to read another.")
+    within(path, "the pictures", len(lines) - 1, "frames")
+    frames = [_frame(path, k, line) for k, line in enumerate(lines[1:])]
+    views = views_of(top, completed(frames), dtype)
+    return Capture(folder, views, {}, points_of(top), (0.0, 0.0), "normalised")
+
+
+def _is_par(path: Path) -> bool:
+    return begins_with(path, _FIRST_LINES)
+
+
+def _frame(path: Path, index: int, line: str) -> Keys:
+    """The keys of a picture, as in a transforms.json."""
+    name, *numbers = line.strip().rsplit(maxsplit=_NUMBERS)
+    keys = Keys(path, {"line": line}, index, kind="picture")
+    rule = f"a picture's name and {_NUMBERS} finite numbers: K and R, row by row, and t"
+    try:
+        values = np.array(numbers, np.float64)
+    except ValueError:
+        raise keys.error("line", rule) from None
+    if len(values) != _NUMBERS or not np.isfinite(values).all():
+        raise keys.error("line", rule)
+    (fx, skew, cx), (zero, fy, cy), last = values[:9].reshape(3, 3)
+    if min(fx, fy) <= 0 or skew or zero or last.tolist() != [0, 0, 1]:
+        raise keys.error("line", "one whose K is [fx 0 cx; 0 fy cy; 0 0 1] with fx and fy above 0")
+    turn = rotation_in(keys, "line", values[9:18].tolist()).T
+    pose = opengl_pose(turn, -turn @ values[18:])
+    return Keys(
+        path,
+        {
+            **{"file_path": name, "camera": re.sub(r"\.\w+$", "", name)},
+            **{"fl_x": float(fx), "fl_y": float(fy)},
+            **{"cx": float(cx) + FIRST_PIXEL, "cy": float(cy) + FIRST_PIXEL},
+            **{"transform_matrix": pose.tolist(), "split": "train", "time": 0.0},
+        },
+        index,
+        kind="picture",
+    )
