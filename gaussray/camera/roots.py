@@ -102,6 +102,7 @@ def plane_root(
 
     fixed = jax.lax.stop_gradient((value, parameters))
     x = jax.lax.stop_gradient(start)
+    x = x.astype(jax.eval_shape(newton, x, *fixed).dtype)
     x = jax.lax.fori_loop(0, steps, lambda _, x: newton(x, *fixed), x)
     error = jnp.max(jnp.abs(function(x, fixed[1]) - fixed[0]))
     is_root = (error < residual) & keeps_orientation(slopes(x, fixed[1]))

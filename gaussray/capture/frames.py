@@ -109,15 +109,19 @@ def stream_encoded(
     return dtype, _streamed(views, dtype)
 
 
+# Sides in pixels below which a mask of another size tells nothing of a picture.
+_LEAST_MASK = 8
+
+
 def read_mask(
     path: Path | str, width: int, height: int, window: Window | None = None
 ) -> Bool[np.ndarray, "h w"]:
     """Pixels that count: True where a mask is white, as in nerfstudio.
 
-    White is at least half of full scale in the brightest channel; where the mask is transparent
-    in part, as an object that was cut out is, opaque pixels count instead. Where the
-    result has another size than the part of the file that it shows, means over its pixels' areas
-    are compared.
+    White is at least half of full scale in the brightest channel. Where some pixels of the mask are
+    rather transparent and some rather opaque, as in a picture of an object that was cut out, those
+    that are opaque count instead. Where the result has another size than the part of the file that
+    it shows, means over its pixels' areas are compared.
 
     Args:
         path: file of the mask. One of another size than its picture, but of the same aspect ratio,
@@ -148,7 +152,8 @@ def _stored_mask(path: Path | str, width: int, height: int) -> np.ndarray:
         return _mask_values(path, width, height)
     except CaptureError:
         columns, rows = picture_size(path)
-    if abs(columns * height - rows * width) > max(columns, rows, width, height):
+    apart = abs(columns * height - rows * width) > max(columns, rows, width, height)
+    if apart or min(columns, rows) < min(_LEAST_MASK, width, height):
         raise CaptureError(
             f"{path}: the mask must be w x h = {width} x {height} as its picture is, or have the "
             f"same aspect ratio, got {columns} x {rows}. Make a mask of the whole picture, or take "
@@ -163,7 +168,8 @@ def _stored_mask(path: Path | str, width: int, height: int) -> np.ndarray:
 def _mask_values(path: Path | str, width: int, height: int) -> np.ndarray:
     """The colours of a mask, or its alpha if that tells pixels apart."""
     values, alpha = read_with_alpha(path, width, height)
-    return values if alpha is None or alpha.max() < 0.5 else alpha[..., None]
+    tells = alpha is not None and alpha.min() < 0.5 <= alpha.max()
+    return alpha[..., None] if tells else values
 
 
 def is_masked(view: View) -> bool:

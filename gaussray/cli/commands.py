@@ -70,7 +70,7 @@ def _reconstruct(cfg: Configuration, devices: int | None) -> dict[str, Any]:
     refuse(Path(cfg.out), resume=resume)
     if resume:
         demand_same_capture(Path(cfg.out), capture)
-    demand_training_pictures(capture)
+    demand_training_pictures(capture, list(cfg.capture.frames))
     out = begin_run_folder(cfg)
     if is_primary() and not cfg.quiet:
         chosen_test = list(cfg.capture.test) != ["auto"]

@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import secrets
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -27,7 +28,9 @@ def atomic_path(path: Path | str) -> Iterator[Path]:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OSError(f"{path}: its folder cannot be made: {error.strerror}") from error
-    partial = path.with_name(f".{path.stem}.{os.getpid()}{PART}{path.suffix}")
+    # Threads may write the same file, and so may hosts whose processes have the same number.
+    own = f"{os.getpid()}-{secrets.token_hex(4)}"
+    partial = path.with_name(f".{path.stem}.{own}{PART}{path.suffix}")
     try:
         yield partial
         os.replace(partial, path)

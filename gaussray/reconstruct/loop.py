@@ -104,8 +104,8 @@ def _say_changed(session: Session, plan: StepPlan, done: int) -> None:
         return
     if plan.stopped == done:
         say(f"Held-out tiles no longer improve at step {done}: the fit ends at step {plan.steps}.")
-    elif isinstance(plan, TimedPlan) and plan.overtime:
-        minutes, given = plan.overtime / 60, session.options.fit.minutes
+    elif isinstance(plan, TimedPlan) and plan.seconds_of_fewest:
+        minutes, given = plan.seconds_of_fewest / 60, session.options.fit.minutes
         say(
             f"fit.minutes={given:g} is too short here: {plan.steps} steps, the fewest of a fit, "
             f"take about {minutes:.1f} minutes."

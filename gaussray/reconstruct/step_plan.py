@@ -104,12 +104,12 @@ class TimedPlan(StepPlan):
         block: steps of a block.
 
     Attributes:
-        overtime: seconds that the fewest steps take, if they are planned and take longer.
+        seconds_of_fewest: seconds that the fewest steps take, if they are planned and take longer.
     """
 
     def __init__(self, seconds: float, block: int):
         super().__init__(StageSchedule(_GUESS))
-        self.most, self.overtime = _MOST, 0.0
+        self.most, self.seconds_of_fewest = _MOST, 0.0
         self._seconds, self._block = seconds, block
         # Steps that are done, and when; and seconds in which a compiler worked.
         self._marks: list[tuple[int, float]] = []
@@ -151,7 +151,7 @@ class TimedPlan(StepPlan):
         blocks = max(int(max(done + left, _LEAST) / self._block), -(-done // self._block))
         steps = min(blocks * self._block, _MOST)
         fewest = _LEAST * self._pace()
-        self.overtime = fewest if steps <= _LEAST and fewest > self._seconds else 0.0
+        self.seconds_of_fewest = fewest if steps <= _LEAST and fewest > self._seconds else 0.0
         changed, self.schedule = steps != self.steps, StageSchedule(steps)
         return changed
 

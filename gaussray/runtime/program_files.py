@@ -12,6 +12,7 @@ from typing import Any
 
 import equinox as eqx
 import jax
+from jax.extend.backend import get_backend
 
 from gaussray.io.atomic import atomic_path
 
@@ -119,5 +120,7 @@ def _version() -> str:
     versions = [version(name) for name in ("jax", "jaxlib", "equinox")]
     settings = [str(jax.config.values.get(name)) for name in _SETTINGS]
     devices = [f"{device.device_kind} {device.id}" for device in jax.devices()]
+    # A GPU's compiler and driver have versions of their own.
+    platform = get_backend().platform_version
     flags = os.environ.get("XLA_FLAGS", "")
-    return f"{digest.hexdigest()} {versions} {settings} {devices} {flags}"
+    return f"{digest.hexdigest()} {versions} {platform} {settings} {devices} {flags}"

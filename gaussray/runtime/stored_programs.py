@@ -67,6 +67,8 @@ class KeptProgram:
         if not files_are_kept():
             return self._jitted(*arguments)
         leaves, structure = jax.tree.flatten(arguments)
+        if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
+            return self._jitted(*arguments)
         signature = structure, tuple(map(_kind, leaves))
         program = self._known.get(signature)
         return program(*leaves) if program else self._first(leaves, signature)
@@ -125,8 +127,8 @@ class KeptProgram:
         self, leaves: list[Any], structure: PyTreeDef, path: Path
     ) -> tuple[Future[Callable[..., Any]], Any]:
         """A program that a thread reads or compiles, and its results without their numbers."""
-        if path.is_file() and is_own(path):
-            with contextlib.suppress(Exception):
+        with contextlib.suppress(Exception):
+            if path.is_file() and is_own(path):
                 code, example, ids, kinds = _read(path)
 
                 def load() -> Callable[..., Any]:

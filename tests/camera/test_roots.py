@@ -60,3 +60,11 @@ def test_beyond_a_fold_nothing_is_found_and_gradients_stay_finite():
         assert bool(good) == there
         slope = jax.jit(jax.jacrev(lambda v: run(v)[0]))(value)
         assert np.isfinite(found).all() and np.isfinite(slope).all()
+
+
+def test_a_root_has_the_precision_of_what_it_depends_on():
+    x, strength = jnp.array([0.6, -0.5]), jnp.full((), 0.7, float)
+    single = twist(x, strength).astype(jnp.float32)
+    found, good = plane_root(twist, single, strength, single, steps=12, residual=1e-6)
+    assert good and found.dtype == x.dtype
+    np.testing.assert_allclose(found, x, atol=1e-6)

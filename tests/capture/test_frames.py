@@ -184,7 +184,11 @@ def test_of_an_object_that_was_cut_out_the_opaque_pixels_count(tmp_path):
     codes[:5, :, 3] = 255
     mask = read_mask(write(tmp_path / "m.png", codes), 32, 24)
     assert mask[:5].all() and not mask[5:].any()
-    # Alpha of zero everywhere tells nothing.
+    # Alpha that is nowhere below half tells nothing, nor does alpha of zero everywhere.
+    codes[..., 3], codes[:7, :, :3] = 255, 255
+    codes[:, 3, 3] = 200
+    mask = read_mask(write(tmp_path / "o.png", codes), 32, 24)
+    assert mask[:7].all() and not mask[7:].any()
     codes[..., 3], codes[:7, :, :3] = 0, 255
     mask = read_mask(write(tmp_path / "n.png", codes), 32, 24)
     assert mask[:7].all() and not mask[7:].any()
@@ -195,6 +199,12 @@ def test_a_mask_of_another_shape_is_refused_as_a_mask(tmp_path, size):
     path = write(tmp_path / "m.png", random_codes())
     with pytest.raises(CaptureError, match=rf"m.png: the mask must be .* = {size[0]} x .*got 32"):
         read_mask(path, *size)
+
+
+def test_a_mask_of_a_few_pixels_tells_nothing(tmp_path):
+    path = write(tmp_path / "m.png", random_codes()[:3, :4])
+    with pytest.raises(CaptureError, match="m.png: the mask must be .* got 4 x 3"):
+        read_mask(path, 32, 24)
 
 
 def test_eight_bit_files_stay_bytes(tmp_path):

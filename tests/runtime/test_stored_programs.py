@@ -74,6 +74,14 @@ def test_a_kept_function_is_traced_once_for_everything_that_is_no_array(folder):
     assert traced == [Factor(2.0), Factor(3.0)] and len(list(folder.iterdir())) == 2
 
 
+def test_in_a_trace_a_kept_function_is_an_ordinary_one(folder):
+    square = kept_jit(lambda x: x * x)
+    assert jax.grad(square)(3.0) == 6
+    np.testing.assert_array_equal(jax.vmap(square)(jnp.arange(3.0)), [0, 1, 4])
+    np.testing.assert_array_equal(jax.jit(square)(jnp.arange(3.0)), [0, 1, 4])
+    assert not list(folder.iterdir())
+
+
 def test_expected_programs_are_traced_once_and_take_each_others_results(folder):
     x, pair, traced = jnp.arange(3.0), {"y": np.float32(2)}, []
 

@@ -1,6 +1,7 @@
 """Which pictures of a capture a scene is fitted to, and which are held out to score it."""
 
 from collections.abc import Sequence
+from shlex import quote
 
 from gaussray.capture.capture import Capture
 from gaussray.capture.errors import CaptureError
@@ -8,10 +9,17 @@ from gaussray.capture.errors import CaptureError
 
 # Cameras that a sentence names; more are counted.
 _NAMED = 4
+_SAME_PICTURES = (
+    "Give it capture.crop, scale, background and clip_start, if they are set, as truth_crop, ..."
+)
 
 
-def demand_training_pictures(capture: Capture) -> None:
+def demand_training_pictures(capture: Capture, frames: Sequence[int] = ()) -> None:
     """Refuse a capture without a picture to fit a scene to.
+
+    Args:
+        capture: the capture.
+        frames: what capture.frames was set to; empty for all instants.
 
     Raises:
         CaptureError: No pinhole view is of split `train`.
@@ -22,7 +30,7 @@ def demand_training_pictures(capture: Capture) -> None:
     if held:
         others = "capture.test=[CAMERA] holds out a camera by its name."
         if _has_one_camera(capture):
-            others = f"its single camera cannot be held out. {_instants(capture, ())}"
+            others = f"its single camera cannot be held out. {_instants(capture, frames)}"
         raise CaptureError(
             f"{capture.folder}: there must be pictures to fit a scene to, but "
             f"{'the only one is' if held == 1 else f'all {held} are'} held out (split test). "
@@ -79,12 +87,12 @@ def _instants(capture: Capture, frames: Sequence[int]) -> str:
     first, last, step = frames or (0, -1, 1)
     fewer = max(step, 2)
     score = (
-        f"`gaussray evaluate scene=OUT truth={capture.folder} "
+        f"`gaussray evaluate scene=OUT {quote(f'truth={capture.folder}')} "
         f"truth_frames=[{first + 1},{last},{fewer}] evaluate.split=all`"
     )
     if step > 1:
-        return f"{score} scores the scene at instants in between."
+        return f"{score} scores the scene at instants in between. {_SAME_PICTURES}"
     return (
         f"To hold out every other instant, set capture.frames=[{first},{last},2]; then {score} "
-        "scores the scene at the others."
+        f"scores the scene at the others. {_SAME_PICTURES}"
     )

@@ -368,8 +368,8 @@ def test_a_timed_plan_ends_in_time(monkeypatch):
 def test_a_time_that_is_too_short_for_the_fewest_steps_is_told(monkeypatch):
     plan, done, _ = timed(monkeypatch, seconds=60.0)
     assert done == plan.steps == 600
-    assert plan.overtime == pytest.approx(600 * 0.5)
-    assert not timed(monkeypatch, seconds=310.0)[0].overtime
+    assert plan.seconds_of_fewest == pytest.approx(600 * 0.5)
+    assert not timed(monkeypatch, seconds=310.0)[0].seconds_of_fewest
 
 
 def test_time_in_which_a_compiler_works_does_not_count(monkeypatch):

@@ -1,6 +1,7 @@
 """Which pictures are fitted is said; a capture without any is refused with the remedy."""
 
 import dataclasses
+from pathlib import Path
 
 import pytest
 import toy
@@ -57,6 +58,10 @@ def test_of_a_single_camera_instants_are_held_out(folder):
     assert "truth_frames=[3,9,4] evaluate.split=all" in division_sentence(single, False, [2, 9, 4])
     with pytest.raises(CaptureError, match=r"its single camera .* capture.frames=\[0,-1,2\]"):
         demand_training_pictures(divided(single, len(views)))
+    with pytest.raises(CaptureError, match=r"truth_frames=\[3,9,4\] evaluate.split=all"):
+        demand_training_pictures(divided(single, len(views)), [2, 9, 4])
+    spaced = dataclasses.replace(single, folder=Path("/tmp/my capture"))
+    assert "evaluate scene=OUT 'truth=/tmp/my capture' truth" in division_sentence(spaced, False)
     # The instants of both are those of the capture, none in common.
     fitted, scored = (
         {v.time for v in selected(single, Selection(frames=frames)).views}

@@ -235,10 +235,13 @@ def _moving(views, moved, options, known=None, report=lambda done: None) -> Ster
         wanted=wanted,
         report=report,
     )
-    told = ~views.masks.all(axis=(1, 2))
-    if len(matched.position) >= _ENOUGH * wanted.sum() / told.sum():
+    masked = ~views.masks.all(axis=(1, 2))
+    if len(matched.position) >= _ENOUGH * wanted.sum() / masked.sum():
         return matched
-    own, factor = jax.tree.map(lambda x: x[told], views), reduction(moved.shape[1:], options.pixels)
+    own, factor = (
+        jax.tree.map(lambda x: x[masked], views),
+        reduction(moved.shape[1:], options.pixels),
+    )
     seen = stereo_views(own.pictures, own.cameras, own.masks, factor=factor)
-    inside = silhouette_points(seen, wanted[told])
+    inside = silhouette_points(seen, wanted[masked])
     return StereoPoints(*(np.concatenate(x) for x in zip(matched, inside, strict=True)))
