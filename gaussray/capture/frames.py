@@ -168,8 +168,9 @@ def _stored_mask(path: Path | str, width: int, height: int) -> np.ndarray:
 def _mask_values(path: Path | str, width: int, height: int) -> np.ndarray:
     """The colours of a mask, or its alpha if that tells pixels apart."""
     values, alpha = read_with_alpha(path, width, height)
-    tells = alpha is not None and alpha.min() < 0.5 <= alpha.max()
-    return alpha[..., None] if tells else values
+    if alpha is None or not alpha.min() < 0.5 <= alpha.max():
+        return values
+    return alpha[..., None]
 
 
 def is_masked(view: View) -> bool:

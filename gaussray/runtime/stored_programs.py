@@ -15,6 +15,7 @@ from typing import Any, NamedTuple, ParamSpec, TypeVar
 
 import equinox as eqx
 import jax
+from jax.core import Tracer
 from jax.experimental.serialize_executable import deserialize_and_load, serialize
 from jax.sharding import SingleDeviceSharding
 from jax.stages import Compiled, Lowered
@@ -67,7 +68,7 @@ class KeptProgram:
         if not files_are_kept():
             return self._jitted(*arguments)
         leaves, structure = jax.tree.flatten(arguments)
-        if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
+        if any(isinstance(leaf, Tracer) for leaf in leaves):
             return self._jitted(*arguments)
         signature = structure, tuple(map(_kind, leaves))
         program = self._known.get(signature)

@@ -4,7 +4,7 @@ Numbers are texts there. Keys changed their meaning with the file's version; the
 AliceVision's `sfmDataIO`.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -119,7 +119,7 @@ def _version(top: Keys) -> _Version:
     """The version of the file, three whole numbers."""
     numbers = _plain(top.values.get("version"))
     good = isinstance(numbers, list) and len(numbers) == 3
-    if not good or not all(isinstance(x, float) and x == int(x) for x in numbers):
+    if not good or not all(isinstance(x, float) and x.is_integer() for x in numbers):
         raise top.error("version", "three whole numbers")
     return tuple(int(x) for x in numbers)
 
@@ -128,6 +128,8 @@ def _plain(value: Any) -> Any:
     """A value with numbers in place of the texts that are numbers."""
     if isinstance(value, list):
         return [_plain(one) for one in value]
+    if isinstance(value, bool):
+        return value
     try:
         number = float(value)
     except (TypeError, ValueError, OverflowError):
@@ -200,14 +202,23 @@ def _lens(keys: Keys, version: _Version) -> dict[str, Any]:
     (fl_x, fl_y), (cx, cy) = _focal(keys, version, size), (center + FIRST_PIXEL).tolist()
     if not (0 < fl_x < np.inf and 0 < fl_y < np.inf):
         raise keys.error("focalLength" if version >= (1, 2, 2) else "pxFocalLength", "above 0")
-    known = keys.values.get("distortionParams")
-    count = len(kind.coefficients)
-    values = keys.vector("distortionParams", count) if known else [0.0] * count
     return {
         **{"camera_model": kind.camera_model, "w": int(size[0]), "h": int(size[1])},
         **{"fl_x": fl_x, "fl_y": fl_y, "cx": cx, "cy": cy},
-        **dict(zip(kind.coefficients, values, strict=True)),
+        **dict(zip(kind.coefficients, _coefficients(keys, len(kind.coefficients)), strict=True)),
     }
+
+
+def _coefficients(keys: Keys, count: int) -> list[float]:
+    """The coefficients of a lens; all are 0 if the file has none."""
+    given = keys.values.get("distortionParams")
+    if not given:
+        return [0.0] * count
+    if count:
+        return keys.vector("distortionParams", count)
+    if not isinstance(given, list) or any(isinstance(x, bool) or x != 0 for x in given):
+        raise keys.error("distortionParams", "zeros or absent, as the lens has no distortion")
+    return []
 
 
 def _lens_type(keys: Keys, version: _Version) -> LensType:
@@ -227,12 +238,14 @@ def _lens_type(keys: Keys, version: _Version) -> LensType:
     return chosen("distortionType", _DISTORTIONS)
 
 
-def _focal(keys: Keys, version: _Version, size: np.ndarray) -> Iterator[float]:
+def _focal(keys: Keys, version: _Version, size: np.ndarray) -> tuple[float, float]:
     """The focal lengths along x and y, in pixels."""
     if version < (1, 2, 0):
-        return iter([keys.number("pxFocalLength")] * 2)
+        focal = keys.number("pxFocalLength")
+        return focal, focal
     if version < (1, 2, 2):
-        return iter(keys.vector("pxFocalLength", 2))
+        fl_x, fl_y = keys.vector("pxFocalLength", 2)
+        return fl_x, fl_y
     width, shape = keys.number("sensorWidth"), keys.number("pixelRatio", 1.0)
     if not (width > 0 and shape > 0):
         raise keys.error("sensorWidth" if shape > 0 else "pixelRatio", "above 0")
@@ -241,5 +254,5 @@ def _focal(keys: Keys, version: _Version, size: np.ndarray) -> Iterator[float]:
     side = int(max(size) if version >= (1, 2, 11) else size[0])
     focal = keys.number("focalLength") * side / width
     if version < (1, 2, 5):
-        return iter([focal, focal / shape])
-    return iter([focal, focal * shape] if version < (1, 2, 11) else [focal / shape, focal])
+        return focal, focal / shape
+    return (focal, focal * shape) if version < (1, 2, 11) else (focal / shape, focal)

@@ -1,5 +1,6 @@
 """Captures of Middlebury's multi-view stereo (Seitz et al. 2006): cameras in `NAME_par.txt`."""
 
+import dataclasses
 import re
 from pathlib import Path
 
@@ -11,15 +12,19 @@ from gaussray.capture.capture import Capture
 from gaussray.capture.formats.completion import completed
 from gaussray.capture.formats.json_keys import Keys
 from gaussray.capture.formats.poses import opengl_pose
-from gaussray.capture.formats.sfm_project import FIRST_PIXEL, begins_with, rotation_in
+from gaussray.capture.formats.sfm_project import (
+    FIRST_PIXEL,
+    distinct_names,
+    head_of,
+    rotation_in,
+)
 from gaussray.capture.formats.transforms import points_of, views_of
 from gaussray.io.safe.files import read_text
 from gaussray.io.safe.limits import within
 
 
-# The file of cameras, and its first two lines: how many, and a picture's name with 21 numbers.
+# The file of cameras.
 PAR_FILE = "*_par.txt"
-_FIRST_LINES = rb"\A\s*\d{1,9}\s*\n[ \t]*\S[^\n]*?([ \t]+[-+\d.eE]+){21}\s*(\n|\Z)"
 # K and R, row by row, then t.
 _NUMBERS = 21
 
@@ -47,8 +52,7 @@ def read_middlebury(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Captu
     path = middlebury_file(folder)
     if path is None:
         raise FileNotFoundError(f"{folder}: holds no {PAR_FILE} with K, R and t of each picture.")
-    text = read_text(path).decode("utf-8-sig", "replace")
-    lines = [line for line in text.splitlines() if line.strip()]
+    lines = _lines(read_text(path))
     top, count = Keys(path, {}), int(lines[0])
     if count != len(lines) - 1:
         top.warn(
@@ -58,18 +62,34 @@ def read_middlebury(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Captu
     if any(_is_par(folder / name) for name in others):
         top.warn(f"{', '.join(others)} is not read. Move this file away to read another.")
     within(path, "the pictures", len(lines) - 1, "frames")
-    frames = [_frame(path, k, line) for k, line in enumerate(lines[1:])]
-    views = views_of(top, completed(frames), dtype)
+    frames = completed([_frame(path, k, line) for k, line in enumerate(lines[1:])])
+    names = distinct_names(top, folder, [frame.inside("file_path") for frame in frames])
+    frames = [
+        dataclasses.replace(frame, values={**frame.values, "camera": name})
+        for name, frame in zip(names, frames, strict=True)
+    ]
+    views = views_of(top, frames, dtype)
     return Capture(folder, views, {}, points_of(top), (0.0, 0.0), "normalised")
 
 
+def _lines(text: bytes) -> list[str]:
+    """The lines of a text that are not blank."""
+    lines = text.decode("utf-8-sig", "replace").splitlines()
+    return [line.strip() for line in lines if line.strip()]
+
+
 def _is_par(path: Path) -> bool:
-    return begins_with(path, _FIRST_LINES)
+    """Whether the first two lines are how many pictures there are, and a camera."""
+    count, camera, *_ = [*_lines(head_of(path)), "", ""]
+    if not re.fullmatch("[0-9]{1,9}", count):
+        return False
+    _, *numbers = camera.rsplit(maxsplit=_NUMBERS) or [""]
+    return len(numbers) == _NUMBERS and all(re.fullmatch(r"[-+0-9.eE]+", x) for x in numbers)
 
 
 def _frame(path: Path, index: int, line: str) -> Keys:
     """The keys of a picture, as in a transforms.json."""
-    name, *numbers = line.strip().rsplit(maxsplit=_NUMBERS)
+    name, *numbers = line.rsplit(maxsplit=_NUMBERS)
     keys = Keys(path, {"line": line}, index, kind="picture")
     rule = f"a picture's name and {_NUMBERS} finite numbers: K and R, row by row, and t"
     try:
@@ -86,8 +106,7 @@ def _frame(path: Path, index: int, line: str) -> Keys:
     return Keys(
         path,
         {
-            **{"file_path": name, "camera": re.sub(r"\.\w+$", "", name)},
-            **{"fl_x": float(fx), "fl_y": float(fy)},
+            **{"file_path": name, "fl_x": float(fx), "fl_y": float(fy)},
             **{"cx": float(cx) + FIRST_PIXEL, "cy": float(cy) + FIRST_PIXEL},
             **{"transform_matrix": pose.tolist(), "split": "train", "time": 0.0},
         },

@@ -4,6 +4,7 @@ Lengths in pictures are in units of the longer side, from the middle; the formul
 OpenSfM's documentation ("Geometric models").
 """
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -26,10 +27,15 @@ from gaussray.capture.formats.sfm_project import (
     project_capture,
 )
 from gaussray.capture.formats.transforms import json_content
+from gaussray.io.safe.files import opened
 
 
 # Where the file is, in a capture's folder: OpenDroneMap's projects have it in a folder of its own.
 RECONSTRUCTION_FILES = ("reconstruction.json", "opensfm/reconstruction.json")
+# What each reconstruction has, at the least.
+_HOLDS = (rb'"cameras"\s*:', rb'"shots"\s*:')
+# Bytes that are searched at once, and those that a key may take.
+_AT_ONCE, _LONGEST_KEY = 1_000_000, 100
 _IMAGES = "images"
 _REMEDY = lens_remedy("OpenSfM (`bin/opensfm undistort`)", "bin/opensfm export_colmap")
 # Types with one focal length and the axis in the middle, with two and an axis, and spheres.
@@ -51,8 +57,7 @@ _WHOLE_TURNS, _FAR = 100.0, 1e30
 def opensfm_file(folder: Path) -> Path | None:
     """The reconstructions of OpenSfM in a folder; None if there are none."""
     paths = (folder / name for name in RECONSTRUCTION_FILES)
-    pattern = rb'^\s*\[\s*\{[\s\S]*"(cameras|shots)"\s*:'
-    return next((path for path in paths if begins_with(path, pattern)), None)
+    return next((path for path in paths if _is_reconstruction(path)), None)
 
 
 def read_opensfm(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
@@ -87,6 +92,19 @@ def read_opensfm(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
     colors = [point.get("color") for point in points.values()]
     given = given_points(Keys(path, {}), "points", positions, colors)
     return project_capture(folder, Keys(path, {}), listed, given, dtype)
+
+
+def _is_reconstruction(path: Path) -> bool:
+    """Whether a file is a list of blocks with cameras and shots, which may come after many
+    cameras."""
+    if not begins_with(path, rb"^\s*\[\s*\{"):
+        return False
+    lacking, part = set(_HOLDS), b""
+    with opened(path) as file:
+        while lacking and (read := file.read(_AT_ONCE)):
+            part = part[-_LONGEST_KEY:] + read
+            lacking = {key for key in lacking if not re.search(key, part)}
+    return not lacking
 
 
 def _largest(path: Path, content: Any) -> Keys:

@@ -1,6 +1,6 @@
 """Captures of Record3D, an app for iPhones and iPads: `metadata.json`, and pictures in `rgb/`."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,9 @@ from gaussray.io.safe.limits import within
 METADATA_FILES = ("metadata.json", "metadata")
 _PICTURES = ("rgb", "rgbd")
 _KEYS = ("w", "h", "K", "poses")
+# No frame is later, in seconds, and no rate of frames higher: in single precision such times would
+# be infinite, or all 0.
+_LATEST, _FASTEST = 1e30, 1e20
 _POSE = "a list of seven numbers: the quaternion x, y, z, w, which is not zero, and the position"
 
 
@@ -84,11 +87,27 @@ def _listed(top: Keys, key: str, count: int | None = None) -> list[Any]:
 def _times(top: Keys, count: int) -> list[float]:
     if top.has("frameTimestamps"):
         _listed(top, "frameTimestamps", count)
-        return top.vector("frameTimestamps", count)
+        times = top.vector("frameTimestamps", count)
+        _check_times(top.file, times)
+        return times
     rate = top.number("fps")
     if rate <= 0:
         raise top.error("fps", "above 0")
+    if not 1 / _FASTEST <= rate <= _FASTEST:
+        raise top.error("fps", f"from {1 / _FASTEST:g} to {_FASTEST:g}")
     return [k / rate for k in range(count)]
+
+
+def _check_times(path: Path, times: Sequence[float]) -> None:
+    """Times of one camera, which is at one place at a time."""
+    before = -np.inf
+    for k, time in enumerate(times):
+        keys = Keys(path, {"frameTimestamps": time}, k)
+        if abs(time) > _LATEST:
+            raise keys.error("frameTimestamps", f"at most {_LATEST:g} seconds from 0")
+        if time <= before:
+            raise keys.error("frameTimestamps", f"later than {before:.17g}, that of frame {k - 1}")
+        before = time
 
 
 def _lenses(top: Keys, count: int) -> list[dict[str, float]]:
@@ -114,9 +133,11 @@ def _matrix(path: Path, index: int, pose: Any) -> list[list[float]]:
         numbers = np.array(keys.vector("poses", 7))
     except CaptureError:
         raise keys.error("poses", _POSE) from None
-    if not np.linalg.norm(numbers[:4]) > 0:
+    largest = np.abs(numbers[:4]).max()
+    if not largest > 0:
         raise keys.error("poses", _POSE)
     matrix = np.eye(4)
-    matrix[:3, :3] = quaternion_turn(numbers[[3, 0, 1, 2]])
+    # Squares of the largest and of the smallest numbers would be infinite or 0.
+    matrix[:3, :3] = quaternion_turn(numbers[[3, 0, 1, 2]] / largest)
     matrix[:3, 3] = numbers[4:]
     return matrix.tolist()

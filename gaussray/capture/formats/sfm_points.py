@@ -1,6 +1,7 @@
 """The sparse points of structure-from-motion projects, which a reconstruction starts from."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -62,10 +63,14 @@ def _point(top: Keys, key: str, name: str, index: int, values: Sequence[Any]) ->
 
 
 def _table(values: Any) -> np.ndarray:
+    """The numbers in a list, or in a list of lists; none if it has something else."""
     try:
-        return np.array(values, np.float64)
+        table = np.array(values, np.float64)
     except (TypeError, ValueError, OverflowError):
         return np.zeros(0)
+    # NumPy takes true for 1.
+    flat: Iterable[Any] = chain.from_iterable(values) if table.ndim == 2 else values
+    return np.zeros(0) if table.ndim in (1, 2) and bool in set(map(type, flat)) else table
 
 
 def _fits(table: np.ndarray, shape: tuple[int, ...]) -> bool:

@@ -1,7 +1,9 @@
 """What readers of structure-from-motion projects share: lens types, blocks, poses and pictures."""
 
+import codecs
 import dataclasses
 import re
+import shlex
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path, PurePosixPath
@@ -14,6 +16,7 @@ from gaussray.capture.capture import Capture
 from gaussray.capture.errors import CaptureError
 from gaussray.capture.formats.completion import completed
 from gaussray.capture.formats.json_keys import Keys
+from gaussray.capture.formats.no_capture import media_folder
 from gaussray.capture.formats.poses import opengl_pose
 from gaussray.capture.formats.transforms import json_if_readable, views_of
 from gaussray.capture.picture_file import picture_exists
@@ -76,18 +79,23 @@ def lens_remedy(tool: str, export: str) -> str:
     )
 
 
+def head_of(path: Path) -> bytes:
+    """The first 100,000 bytes of a text without its byte order mark; none if it cannot be read."""
+    try:
+        with opened(path) as file:
+            return file.read(_HEAD).removeprefix(codecs.BOM_UTF8)
+    except OSError:
+        return b""
+
+
 def begins_with(path: Path, pattern: bytes) -> bool:
-    """Whether the first 100,000 bytes of a file have a pattern; not if it cannot be read.
+    """Whether the head of a file (`head_of`) has a pattern.
 
     Args:
         path: the file.
         pattern: a regular expression that is searched for.
     """
-    try:
-        with opened(path) as file:
-            return re.search(pattern, file.read(_HEAD)) is not None
-    except OSError:
-        return False
+    return re.search(pattern, head_of(path)) is not None
 
 
 def fullest_project(
@@ -211,12 +219,13 @@ def project_capture(
         raise CaptureError(
             f"{top.file}: at least one picture must have a pose, got none of {len(listed)}. Name "
             "the folder of the project's file after structure from motion, or find poses with "
-            "`gaussray prepare`."
+            f"`gaussray prepare {shlex.quote(f'videos={media_folder(folder) or folder}')} "
+            "out=CAPTURE`."
         )
     if len(posed) < len(listed):
         top.warn(f"{len(listed) - len(posed)} of {len(listed)} pictures have no pose: left out.")
     images = _images(folder, top, posed)
-    names = _camera_names(top, [path.as_posix().removeprefix(f"{folder}/") for path in images])
+    names = distinct_names(top, folder, images)
     frames = []
     for k, (name, photograph) in enumerate(zip(names, posed, strict=True)):
         # The picture's own path, which may lie outside of the file's folder, replaces this one.
@@ -264,9 +273,19 @@ def _is_elsewhere(photograph: Photograph) -> bool:
         return False
 
 
-def _camera_names(top: Keys, paths: Sequence[str]) -> list[str]:
+def distinct_names(top: Keys, folder: Path, pictures: Sequence[Path]) -> list[str]:
     """A name for the camera of each picture: the picture's without suffix, with as much of its
-    folders and suffix as tells all apart."""
+    folders and suffix as tells all apart.
+
+    Args:
+        top: the file that lists them.
+        folder: the capture's folder.
+        pictures: at least one.
+
+    Raises:
+        CaptureError: two are one picture.
+    """
+    paths = [path.as_posix().removeprefix(f"{folder.as_posix()}/") for path in pictures]
     path, count = Counter(paths).most_common(1)[0]
     if count > 1:
         raise CaptureError(

@@ -81,6 +81,11 @@ def folder(tmp_path):
     return tmp_path
 
 
+def lay_numbers(folder, content):
+    """A project whose numbers are not texts."""
+    (folder / "cameras.sfm").write_text(json.dumps(content, default=np.ndarray.tolist))
+
+
 def only_view(folder):
     with pytest.warns(CaptureWarning, match="1 of 1 are found if it begins with images/"):
         (found,) = read_alicevision(folder).views
@@ -129,6 +134,13 @@ def test_focal_lengths_are_those_of_the_version_of_the_file(folder, version, key
     found = only_view(folder).camera.lens
     np.testing.assert_allclose(found.focal, (40, 44), rtol=1e-6)
     np.testing.assert_allclose(found.center, (W / 2 + 2, H / 2 - 2), rtol=1e-6)
+
+
+def test_a_lens_without_distortion_may_have_zeros(folder):
+    lay(folder, sfm(intrinsics=[lens(k=[0, "0.0"])]))
+    np.testing.assert_allclose(only_view(folder).camera.lens.focal, 50)
+    lay_numbers(folder, sfm(intrinsics=[lens(k=[0])]))
+    np.testing.assert_allclose(only_view(folder).camera.lens.focal, 50)
 
 
 @pytest.mark.parametrize(("version", "focal"), [((1, 2, 10), 25 * 48 / 32), ((1, 2, 11), 50)])
@@ -209,12 +221,36 @@ def test_views_without_pose_are_counted_and_left_out(folder):
         (sfm(poses=[posed(turn=-TURN)]), "right-handed"),
         (sfm(poses=[posed(place=[1, "inf", 0])]), "pose.transform.center must be a list of 3 fin"),
         (sfm(version="new"), "version must be three whole numbers, got 'new'"),
+        (sfm(version=(1, 2, 9.5)), "version must be three whole numbers"),
+        (sfm(version=(1, 2, "1e999")), "version must be three whole numbers"),
+        (sfm(intrinsics=[lens(k=[0, 1])]), "distortionParams must be zeros or absent, .* got .0.0"),
+        (sfm(intrinsics=[lens(k="x")]), "distortionParams must be zeros or absent, .* got 'x'"),
         (sfm(views=[view(), view(2)], poses=[posed(), posed(2)]), "got images/a.png 2 times"),
     ],
 )  # fmt: skip
 @pytest.mark.filterwarnings("ignore::gaussray.capture.errors.CaptureWarning")
 def test_what_contradicts_the_format_is_refused_by_name(folder, made, says):
     lay(folder, made)
+    with pytest.raises(CaptureError, match=says) as caught:
+        read_alicevision(folder)
+    assert str(caught.value).startswith(str(folder / "cameras.sfm"))
+
+
+@pytest.mark.parametrize(
+    ("made", "says"),
+    [
+        (sfm(version=(1, 2, np.inf)), r"version must be three whole numbers, got \[1, 2, inf\]"),
+        (sfm(version=(1, 2, np.nan)), "version must be three whole numbers"),
+        (sfm(version=(1, 2, 10**399)), "version must be three whole numbers"),
+        (sfm(version=(1, 2, True)), "version must be three whole numbers"),
+        (sfm(intrinsics=[lens(width=True)]), "width must be a whole number of .* got True"),
+        (sfm(intrinsics=[lens(focalLength=True)]), "focalLength must be a finite number, got True"),
+        (sfm(intrinsics=[lens(k=[False])]), "distortionParams must be zeros or absent"),
+        (sfm(poses=[posed(place=[True, 0, 0])]), "center must be a list of 3 finite numbers"),
+    ],
+)
+def test_what_is_no_number_is_refused_by_name(folder, made, says):
+    lay_numbers(folder, made)
     with pytest.raises(CaptureError, match=says) as caught:
         read_alicevision(folder)
     assert str(caught.value).startswith(str(folder / "cameras.sfm"))

@@ -1,11 +1,14 @@
 """Captures of Middlebury's multi-view stereo: a line of numbers for each picture."""
 
+import codecs
+import time
+
 import numpy as np
 import pytest
 from known_photograph import PIXELS, SHIFT, TO_CAMERA, pixels, seen_points, write_picture
 
 from gaussray.capture.errors import CaptureError, CaptureWarning
-from gaussray.capture.formats.middlebury import read_middlebury
+from gaussray.capture.formats.middlebury import middlebury_file, read_middlebury
 from gaussray.capture.open import format_of, open_capture
 
 
@@ -71,6 +74,36 @@ def test_another_number_of_lines_and_another_file_are_told(folder):
     assert any("zebra_par.txt is not read" in text for text in texts)
 
 
+@pytest.mark.parametrize("name", ["a0001.png", "./a0001.png"])
+def test_a_picture_listed_twice_is_refused(folder, name):
+    lay(folder, [line("a0001.png"), line(name)])
+    says = "temple_par.txt: each view must have a picture of its own, got a0001.png 2 times"
+    with pytest.raises(CaptureError, match=says):
+        open_capture(folder)
+
+
+def test_pictures_that_differ_in_their_type_have_cameras_of_their_own(folder):
+    lay(folder, [line("a0001.png"), line("a0001.exr", shift=(1, 2, 3))])
+    write_picture(folder / "a0001.exr")
+    names = [view.camera_name for view in open_capture(folder).views]
+    assert names == ["a0001.png", "a0001.exr"]
+
+
+def test_a_byte_order_mark_and_other_line_ends_are_read(folder):
+    text = (folder / "temple_par.txt").read_bytes().replace(b"\n", b"\r\n")
+    (folder / "temple_par.txt").write_bytes(codecs.BOM_UTF8 + b"\r\n" + text)
+    assert format_of(folder) == "middlebury"
+    assert len(open_capture(folder).views) == 2
+
+
+def test_blanks_take_no_time(folder):
+    (folder / "temple_par.txt").write_text("1\n" + "x" + " " * 90_000 + "y\n")
+    start = time.perf_counter()
+    assert middlebury_file(folder) is None
+    # The blanks squared would take a minute.
+    assert time.perf_counter() - start < 5
+
+
 @pytest.mark.parametrize(
     ("second", "says"),
     [
@@ -90,8 +123,10 @@ def test_what_is_no_camera_is_named(folder, second, says):
 
 
 def test_other_files_of_this_name_are_no_cameras(folder):
-    (folder / "temple_par.txt").write_text("parameters: 3\nno camera\n")
-    with pytest.raises(CaptureError, match="must hold the files of one format|is no capture"):
-        open_capture(folder)
+    numbers = "1 " * 21
+    for text in ("parameters: 3\nno camera\n", "1\n", "", "1\n" + numbers, f"-1\na.png {numbers}"):
+        (folder / "temple_par.txt").write_text(text)
+        with pytest.raises(CaptureError, match="must hold the files of one format|is no capture"):
+            open_capture(folder)
     with pytest.raises(FileNotFoundError, match="holds no "):
         read_middlebury(folder)

@@ -1,5 +1,6 @@
 """Photographs with the cameras of OpenSfM and OpenDroneMap."""
 
+import codecs
 import json
 import shutil
 
@@ -21,6 +22,7 @@ from known_photograph import (
 from scipy.spatial.transform import Rotation
 
 from gaussray.capture.errors import CaptureError, CaptureWarning
+from gaussray.capture.formats import opensfm
 from gaussray.capture.formats.opensfm import read_opensfm
 from gaussray.capture.open import format_of, open_capture
 
@@ -137,6 +139,24 @@ def test_masks_lie_where_opensfm_has_them(folder):
     assert view.mask == folder / "masks/a.png.png"
 
 
+def test_shots_may_come_after_many_cameras(folder):
+    # "shots" lies on the border of what is read at once.
+    for more in (200_000, *range(opensfm._AT_ONCE - 40, opensfm._AT_ONCE + 40, 3)):
+        text = json.dumps([{"cameras": {"c": ONE}, "shots": {"a.png": shot()}}])
+        at = text.index('"shots"')
+        text = text[:at] + " " * (more - at) + text[at:]
+        (folder / "reconstruction.json").write_text(text)
+        assert format_of(folder) == "opensfm"
+    assert len(open_capture(folder).views) == 1
+
+
+def test_a_byte_order_mark_is_no_part_of_the_file(folder):
+    lay(folder, part(ONE))
+    text = (folder / "reconstruction.json").read_bytes()
+    (folder / "reconstruction.json").write_bytes(codecs.BOM_UTF8 + text)
+    assert len(open_capture(folder).views) == 1
+
+
 def with_shot(**more):
     return {**part(ONE), "shots": {"a.png": shot(**more)}}
 
@@ -176,12 +196,15 @@ def test_what_contradicts_the_format_is_refused_by_name(folder, made, says):
 
 
 def test_other_files_of_the_name_are_none_of_opensfm(folder):
-    for content in ("[]", "[1]", '{"shots": 1}', '[{"a": 1}]'):
+    for content in (
+        *("[]", "[1]", '{"shots": 1}', '[{"a": 1}]'),
+        *('[{"cameras": 1}]', '[{"shots": 1}]', '[{"cameras": "shots"}]'),
+    ):
         (folder / "reconstruction.json").write_text(content)
         with pytest.raises(CaptureError, match="is no capture of a known format"):
             format_of(folder)
     with pytest.raises(FileNotFoundError, match="holds no reconstruction.json"):
         read_opensfm(folder)
-    (folder / "reconstruction.json").write_text('[{"shots": {}, ')
+    (folder / "reconstruction.json").write_text('[{"cameras": {}, "shots": {}, ')
     with pytest.raises(CaptureError, match="malformed JSON"):
         open_capture(folder)

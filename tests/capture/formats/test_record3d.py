@@ -78,13 +78,33 @@ def test_an_unpacked_archive_is_read_and_frames_without_picture_are_left_out(tmp
         ({"frameTimestamps": [0, 1]}, "frameTimestamps must be a list of 3, as poses is"),
         ({"perFrameIntrinsicCoeffs": [[1, 2, 3, 4]]}, "perFrameIntrinsicCoeffs must be a list of"),
         ({"perFrameIntrinsicCoeffs": [[1], [2], [3]]}, "frame 0: perFrameIntrinsicCoeffs must"),
+        ({"frameTimestamps": [0, 1, 1e300]}, "frame 2: frameTimestamps must be at most 1e.30 sec"),
+        ({"frameTimestamps": [2, 1, 0]}, "frame 1: frameTimestamps must be later than 2, that of "),
+        ({"frameTimestamps": [0, 1, 1]}, "frame 2: frameTimestamps must be later than 1, that of "),
         ({"frameTimestamps": None, "fps": 0}, "fps must be above 0"),
+        ({"frameTimestamps": None, "fps": 1e-300}, r"fps must be from 1e-20 to 1e\+20, got 1e-300"),
+        ({"frameTimestamps": None, "fps": 1e300}, r"fps must be from 1e-20 to 1e\+20, got 1e\+300"),
         ({"w": 0.5}, "w must be a whole number"),
     ],
 )
 def test_what_contradicts_the_format_is_named(tmp_path, change, says):
     with pytest.raises(CaptureError, match=rf"metadata.json.* {says}|metadata.json: {says}"):
         open_capture(lay(tmp_path, **change))
+
+
+@pytest.mark.parametrize("length", [1e308, 1e-310])
+def test_a_quaternion_may_have_any_length(tmp_path, length):
+    lay(tmp_path, poses=[*POSES[:2], [*(length * np.array(QUAT)), *PLACE]])
+    views = open_capture(tmp_path).views
+    found, same = (view.camera.trajectory.quat for view in views[1:])
+    np.testing.assert_allclose(found, same, atol=1e-6)
+
+
+def test_times_since_1970_are_times(tmp_path):
+    lay(tmp_path, frameTimestamps=[1.7e9, 1.7e9 + 0.02, 1.7e9 + 0.05])
+    with pytest.warns(CaptureWarning, match="times are counted from the first"):
+        times = [view.time for view in open_capture(tmp_path).views]
+    np.testing.assert_allclose(times, [0, 0.02, 0.05], atol=1e-6)
 
 
 def test_other_metadata_is_none_of_it(tmp_path):

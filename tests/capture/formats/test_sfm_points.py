@@ -28,7 +28,9 @@ def test_points_without_colours_are_gray():
     assert given_points(TOP, "points", [], None) is None
 
 
-@pytest.mark.parametrize("wrong", [None, [1, 2], [1, 2, "x"], [1, 2, float("nan")], [0, 1e39, 0]])
+@pytest.mark.parametrize(
+    "wrong", [None, [1, 2], [1, 2, "x"], [1, 2, float("nan")], [0, 1e39, 0], [1, 2, True]]
+)
 def test_a_point_that_is_none_is_named(wrong):
     with pytest.raises(CaptureError, match="file, point 1: points: position must be three finite"):
         given_points(TOP, "points", [[1, 2, 3], wrong], None)
@@ -37,3 +39,5 @@ def test_a_point_that_is_none_is_named(wrong):
 def test_a_colour_outside_of_eight_bits_is_named():
     with pytest.raises(CaptureError, match="point 1: points: color must be from 0 to 255"):
         given_points(TOP, "points", [[1, 2, 3]] * 2, [[1, 2, 3], [1, 2, 256]])
+    with pytest.raises(CaptureError, match="point 1: points: color must be three finite numbers"):
+        given_points(TOP, "points", [[1, 2, 3]] * 2, [[1, 2, 3], [True, False, True]])

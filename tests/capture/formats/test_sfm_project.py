@@ -30,6 +30,18 @@ def test_cameras_of_equal_names_are_told_apart_by_their_folders(tmp_path):
     assert found == ["1.png", "1.exr"]
 
 
+def test_pictures_without_poses_end_in_the_command_that_finds_them(tmp_path):
+    folder = tmp_path / "my capture"
+    write_picture(folder / "images/a.png")
+    with pytest.raises(CaptureError) as caught:
+        project_capture(folder, Keys(folder / "project", {}), [None], None, np.float32)
+    command = f"`gaussray prepare 'videos={folder}/images' out=CAPTURE`."
+    assert str(caught.value).endswith(command)
+    (folder / "images/a.png").unlink()
+    with pytest.raises(CaptureError, match=f"videos={folder}' out=CAPTURE"):
+        project_capture(folder, Keys(folder / "project", {}), [], None, np.float32)
+
+
 @pytest.mark.parametrize(
     "path",
     ["images\\a.png", "./images/a.png", "../images/a.png", "C:\\images\\a.png", "/images/a.png"],
