@@ -232,7 +232,8 @@ import sys
 from pathlib import Path
 import jax, jax.numpy as jnp, numpy as np
 from jax.sharding import PartitionSpec
-from gaussray.runtime.stored_programs import KeptProgram, keep_machine_code
+from gaussray.runtime.program_files import keep_machine_code
+from gaussray.runtime.stored_programs import KeptProgram
 from gaussray.tracer.shard import mesh
 
 keep_machine_code(Path(sys.argv[1]), "a processor")
