@@ -63,7 +63,7 @@ def distort_jacobian(
 ) -> Jacobian:
     """The Jacobian of `distort` in the image point.
 
-    Written out: differentiated by JAX, it is four times as large a program.
+    Written out: differentiated by JAX, it makes a lens twice as large a program.
 
     Args:
         coefficients: 8, 12 or 14 coefficients in OpenCV's order.

@@ -75,7 +75,7 @@ def plane_root(
     """The x in the plane where function(x, parameters) = value, by Newton's method.
 
     The last step has the exact first derivatives with respect to `value` and `parameters`. The
-    others are a loop: a program with a copy of each takes XLA four times as long to compile.
+    others are a loop: a program with a copy of each takes XLA twice as long to compile.
 
     Args:
         function: maps the plane to itself.

@@ -13,8 +13,7 @@ import numpy as np
 from jaxtyping import DTypeLike, Float
 
 from gaussray.capture.capture import Capture
-from gaussray.capture.errors import CaptureError
-from gaussray.capture.formats.json_keys import Keys
+from gaussray.capture.formats.json_keys import Keys, block_in, listed_blocks
 from gaussray.capture.formats.sfm_points import given_points
 from gaussray.capture.formats.sfm_project import (
     FIRST_PIXEL,
@@ -22,15 +21,13 @@ from gaussray.capture.formats.sfm_project import (
     LensType,
     Photograph,
     begins_with,
-    block_in,
     fullest_project,
     lens_remedy,
-    listed_blocks,
     project_capture,
     rotation_in,
     warn_of_projects,
 )
-from gaussray.capture.formats.transforms import json_content
+from gaussray.capture.formats.transforms import json_object
 
 
 # Where projects are, in a capture's folder.
@@ -88,10 +85,7 @@ def read_alicevision(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capt
     path = alicevision_file(folder)
     if path is None:
         raise FileNotFoundError(f"{folder}: holds no project of AliceVision ({SFM_FILES[0]}).")
-    content = json_content(path)
-    if not isinstance(content, dict):
-        raise CaptureError(f"{path}: must hold one JSON object, got {type(content).__name__}.")
-    top = Keys(path, content)
+    top = Keys(path, json_object(path))
     warn_of_projects(top, _projects(folder))
     lists = (("intrinsics", "intrinsicId"), ("poses", "poseId"), ("rigs", "rigId"))
     project = _Project(_version(top), *(_by_number(top, *names) for names in lists))

@@ -13,7 +13,7 @@ from jaxtyping import DTypeLike
 from gaussray.capture.capture import Capture
 from gaussray.capture.errors import CaptureError
 from gaussray.capture.formats.json_keys import Keys
-from gaussray.capture.formats.transforms import json_content, views_of
+from gaussray.capture.formats.transforms import json_object, views_of
 from gaussray.capture.points import Points
 from gaussray.capture.world_origin import counted_positions
 from gaussray.color import srgb_decode
@@ -54,10 +54,7 @@ def read_dynamic3dgs(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capt
 
 
 def _frames(path: Path, split: str) -> tuple[Keys, list[Keys]]:
-    content = json_content(path)
-    if not isinstance(content, dict):
-        raise CaptureError(f"{path}: the file must hold one JSON object.")
-    top = Keys(path, content)
+    top = Keys(path, json_object(path))
     size = {"w": top.count("w"), "h": top.count("h")}
     steps = [_list(top, key, None) for key in _LISTS]
     if len({len(x) for x in steps}) != 1 or not steps[0]:

@@ -240,3 +240,44 @@ class Keys:
 
 def _is_number(value):
     return isinstance(value, numbers.Real) and not isinstance(value, bool)
+
+
+def listed_blocks(top: Keys, key: str, kind: str) -> list[Keys]:
+    """The blocks of keys in a list; none if the key is absent or an empty text, which AliceVision
+    writes for an empty list.
+
+    Args:
+        top: the block that has the list.
+        key: name of the list.
+        kind: what messages call one of its blocks.
+
+    Raises:
+        CaptureError: it is no list of blocks.
+    """
+    listed = top.values.get(key) or []
+    if not isinstance(listed, list):
+        raise top.error(key, "a list")
+    wrong = next((k for k, block in enumerate(listed) if not isinstance(block, dict)), None)
+    if wrong is not None:
+        raise Keys(top.file, {key: listed[wrong]}, wrong, top.prefix, kind).error(
+            key, "a list of blocks"
+        )
+    return [Keys(top.file, block, k, kind=kind) for k, block in enumerate(listed)]
+
+
+def block_in(keys: Keys, *names: str) -> Keys:
+    """A block of keys inside another.
+
+    Args:
+        keys: the outer block.
+        names: the keys that lead to it, from the outside.
+
+    Raises:
+        CaptureError: one of them is absent or names no block.
+    """
+    for name in names:
+        value = keys.values.get(name)
+        if not isinstance(value, dict):
+            raise keys.error(name, "a block of keys")
+        keys = dataclasses.replace(keys, values=value, prefix=f"{keys.prefix}{name}.")
+    return keys

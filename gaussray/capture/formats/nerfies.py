@@ -17,7 +17,7 @@ from gaussray.capture.capture import Capture
 from gaussray.capture.errors import CaptureError
 from gaussray.capture.formats.json_keys import Keys
 from gaussray.capture.formats.poses import opengl_pose
-from gaussray.capture.formats.transforms import json_content, views_of
+from gaussray.capture.formats.transforms import json_object, views_of
 from gaussray.capture.picture_file import picture_size
 from gaussray.capture.points import Points
 from gaussray.capture.world_origin import counted_positions
@@ -57,7 +57,7 @@ def read_nerfies(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
     folder = Path(folder)
     split = _split(folder)
     pictures = _pictures(folder)
-    metadata = _object(folder / _METADATA_FILE)
+    metadata = json_object(folder / _METADATA_FILE)
     numbers = {name: _numbers(folder / _METADATA_FILE, metadata, name) for name in split}
     moments = [moment for moment, _ in numbers.values()]
     first, last = min(moments), max(moments)
@@ -72,20 +72,13 @@ def read_nerfies(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
     return Capture(folder, views, {}, _points(folder / _POINTS_FILE), (0.0, end), "normalised")
 
 
-def _object(path: Path) -> dict[str, Any]:
-    content = json_content(path)
-    if not isinstance(content, dict):
-        raise CaptureError(f"{path}: the file must hold one JSON object.")
-    return content
-
-
 def _split(folder: Path) -> dict[str, str]:
     """`train` or `test` for the name of each picture that is used."""
-    top = Keys(folder / DATASET_FILE, _object(folder / DATASET_FILE))
+    top = Keys(folder / DATASET_FILE, json_object(folder / DATASET_FILE))
     parts = {"train": _names(top, "train_ids"), "test": _names(top, "val_ids")}
     for part, name in _SPLITS.items():
         if (folder / name).is_file():
-            parts[part] = _names(Keys(folder / name, _object(folder / name)), "frame_names")
+            parts[part] = _names(Keys(folder / name, json_object(folder / name)), "frame_names")
     if not parts["train"]:
         parts["train"] = _names(top, "ids")
     # A picture of both lists is held out.
@@ -125,7 +118,7 @@ def _frame(folder: Path, name: str, pictures: str, values: dict[str, Any], numbe
     """One picture as the keys of a frame in a transforms.json."""
     listed = Keys(folder / DATASET_FILE, {"ids": f"{name}.json"})
     path = folder / "camera" / listed.inside("ids").relative_to(folder)
-    keys = Keys(path, _object(path))
+    keys = Keys(path, json_object(path))
     size = np.array(keys.vector("image_size", 2))
     focal, center = keys.number("focal_length"), np.array(keys.vector("principal_point", 2))
     if keys.number("skew", 0.0):

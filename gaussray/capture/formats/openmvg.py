@@ -10,8 +10,7 @@ import numpy as np
 from jaxtyping import DTypeLike
 
 from gaussray.capture.capture import Capture
-from gaussray.capture.errors import CaptureError
-from gaussray.capture.formats.json_keys import Keys
+from gaussray.capture.formats.json_keys import Keys, block_in, listed_blocks
 from gaussray.capture.formats.sfm_points import given_points
 from gaussray.capture.formats.sfm_project import (
     FIRST_PIXEL,
@@ -19,15 +18,13 @@ from gaussray.capture.formats.sfm_project import (
     LensType,
     Photograph,
     begins_with,
-    block_in,
     fullest_project,
     lens_remedy,
-    listed_blocks,
     project_capture,
     rotation_in,
     warn_of_projects,
 )
-from gaussray.capture.formats.transforms import json_content
+from gaussray.capture.formats.transforms import json_object
 
 
 # Where projects are, in a capture's folder.
@@ -73,15 +70,12 @@ def read_openmvg(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
     path = openmvg_file(folder)
     if path is None:
         raise FileNotFoundError(f"{folder}: holds no {SFM_DATA_FILES[0]} of OpenMVG.")
-    content = json_content(path)
-    if not isinstance(content, dict):
-        raise CaptureError(f"{path}: must hold one JSON object, got {type(content).__name__}.")
-    top = Keys(path, content)
+    top = Keys(path, json_object(path))
     warn_of_projects(top, _projects(folder))
     views = [block_in(view, "value") for view in listed_blocks(top, "views", "view")]
     lenses, poses = dict(_by_key(top, "intrinsics")), dict(_by_key(top, "extrinsics"))
     names = _type_names([*views, *lenses.values()])
-    root = content.get("root_path")
+    root = top.values.get("root_path")
     root = root if isinstance(root, str) else ""
     listed = [_photograph(_data(view), root, (lenses, poses, names)) for view in views]
     positions = [block.values.get("X") for _, block in _by_key(top, "structure")]

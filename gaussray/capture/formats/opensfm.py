@@ -15,14 +15,13 @@ from jaxtyping import DTypeLike
 
 from gaussray.capture.capture import Capture
 from gaussray.capture.errors import CaptureError
-from gaussray.capture.formats.json_keys import Keys
+from gaussray.capture.formats.json_keys import Keys, block_in
 from gaussray.capture.formats.poses import axis_angle_turn
 from gaussray.capture.formats.sfm_points import given_points
 from gaussray.capture.formats.sfm_project import (
     LensType,
     Photograph,
     begins_with,
-    block_in,
     lens_remedy,
     project_capture,
 )

@@ -290,13 +290,8 @@ def read_document(path: Path) -> Keys:
         CaptureError: the file is no JSON object with frames.
         FileNotFoundError: the file does not exist.
     """
-    content = json_content(path)
-    if not isinstance(content, dict):
-        raise CaptureError(
-            f"{path}: the file must hold one JSON object, got {type(content).__name__}."
-        )
-    top = Keys(path, content)
-    frames = content.get("frames")
+    top = Keys(path, json_object(path))
+    frames = top.values.get("frames")
     if not isinstance(frames, list) or not frames:
         raise top.error("frames", "a list of at least one frame")
     within(path, "the frames", len(frames), "frames")
@@ -311,6 +306,16 @@ def json_content(path: Path) -> Any:
         raise FileNotFoundError(f"{path}: the capture's JSON file does not exist.") from None
     except ValueError as error:
         raise CaptureError(str(error)) from None
+
+
+def json_object(path: Path) -> dict[str, Any]:
+    """The content of a JSON file that holds one object; CaptureError says what it holds instead."""
+    content = json_content(path)
+    if not isinstance(content, dict):
+        raise CaptureError(
+            f"{path}: the file must hold one JSON object, got {type(content).__name__}."
+        )
+    return content
 
 
 def json_if_readable(path: Path) -> Any:

@@ -77,9 +77,9 @@ def uncovered_points(
     for i in range(len(seen.frames)):
         report(i, len(seen.frames))
         dice = np.random.default_rng([seed, i, 4])
-        number = jnp.asarray(i)
+        index = jnp.asarray(i)
         (column, row, away, inside), (ray, color, visible) = jax.device_get(
-            (_places(views, number, jnp.asarray(every)), _shown(views, number))
+            (_places(views, index, jnp.asarray(every)), _shown(views, index))
         )
         nearest = _nearest(column[inside], row[inside], away[inside], cells, side)
         empty = ~np.isfinite(nearest)
@@ -131,9 +131,9 @@ def coverage(
     cells = views.size[0] // side, views.size[1] // side
     held = total = 0
     for i in range(len(seen.frames)):
-        number = jnp.asarray(i)
+        index = jnp.asarray(i)
         (column, row, away, inside), (ray, color, mask) = jax.device_get(
-            (_places(views, number, jnp.asarray(position)), _shown(views, number))
+            (_places(views, index, jnp.asarray(position)), _shown(views, index))
         )
         shown = mask & np.any(ray != 0, axis=0)
         if plain is not None:
