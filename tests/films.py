@@ -6,7 +6,7 @@ import av
 import numpy as np
 from av.video.reformatter import ColorRange, Colorspace
 
-from gaussray.capture.frames import stream_encoded
+from gaussray.capture.picture_stream import stream_encoded
 from gaussray.dataset.images import write_image
 
 

@@ -2,9 +2,6 @@
 
 import functools
 import warnings
-from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +13,6 @@ from gaussray.capture.picture_file import (
     PictureFile,
     StoredPicture,
     alpha_mask,
-    check_size,
-    holds_bytes,
     picture_size,
     read_stored,
     read_with_alpha,
@@ -25,17 +20,14 @@ from gaussray.capture.picture_file import (
     stored_size,
 )
 from gaussray.capture.stored_part import Window, averaged
-from gaussray.capture.videos import decode_frames, frame_of
 from gaussray.color import srgb_decode, srgb_encode
 
 
 COLOR_SPACES = ("srgb", "linear")
 # Linear light from which on a TIFF file surely holds levels; white is 1.
 _BRIGHTEST = 64.0
-# Pictures that are decoded or averaged at the same time, and those that wait in the queue.
-_THREADS, _AHEAD = 4, 8
 # What becomes of alpha below 1, by `background`.
-_ALPHA = {
+ALPHA_USE = {
     "auto": "is composited over black. capture.background=white, mask or none treats it otherwise",
     "none": "is ignored. capture.background=black, white or mask makes it count",
 }
@@ -69,44 +61,18 @@ def read_encoded(view: PictureFile) -> np.ndarray:
     over its area in linear light, as a sensor of larger pixels sees it; bytes are rounded. Its
     margin is black.
     """
-    stored = read_with_alpha(view.image, *stored_size(view), view.background)
-    if stored.alpha is not None and view.background in _ALPHA:
+    stored = stored_picture(view)
+    if stored.alpha is not None and view.background in ALPHA_USE:
         # Without a file name: the same text is shown once, not for each picture.
         warnings.warn(
-            f"alpha below 1 in pictures {_ALPHA[view.background]}.", CaptureWarning, stacklevel=2
+            f"alpha below 1 in pictures {ALPHA_USE[view.background]}.", CaptureWarning, stacklevel=2
         )
-    return _encoded(view, stored.values)
+    return encoded_values(view, stored.values)
 
 
-def stream_encoded(
-    views: Sequence[PictureFile],
-) -> tuple[np.dtype, Iterator[tuple[int, np.ndarray]]]:
-    """Pictures of many views of one size, decoded one after another.
-
-    Every video is decoded once, from its start, and few pictures are held in memory.
-
-    Args:
-        views: at least one view.
-
-    Returns:
-        The type of all pictures (uint8 if all files are 8-bit sRGB, else float32 in 0..1), and an
-        iterator over the index of a view and its sRGB values [h, w, 3], in the order of the files.
-
-    Raises:
-        CaptureError: there is no view, or their sizes differ.
-    """
-    if not views:
-        raise CaptureError("the views to load must be at least one, got none.")
-    first = views[0]
-    for view in views:
-        if (view.width, view.height) != (first.width, first.height):
-            raise CaptureError(
-                f"{view.image}: all views loaded together must have one size, "
-                f"got {view.width} x {view.height} after {first.width} x {first.height} "
-                f"({first.image}). Load each size by itself."
-            )
-    dtype = np.dtype(np.uint8 if all(map(_is_bytes, views)) else np.float32)
-    return dtype, _streamed(views, dtype)
+def stored_picture(view: PictureFile) -> StoredPicture:
+    """What the file of a view holds."""
+    return read_with_alpha(view.image, *stored_size(view), view.background)
 
 
 # Sides in pixels below which a mask of another size tells nothing of a picture.
@@ -206,7 +172,13 @@ def _with_margin(view: PictureFile, shown: np.ndarray) -> np.ndarray:
     return np.pad(shown, around)
 
 
-def _encoded(view: PictureFile, stored: np.ndarray) -> np.ndarray:
+def encoded_values(view: PictureFile, stored: np.ndarray) -> np.ndarray:
+    """What `read_encoded` returns of the values that a view's file holds.
+
+    Args:
+        view: the view.
+        stored: the values [height, width, c] of its file.
+    """
     return _with_margin(view, _encoded_part(view, stored))
 
 
@@ -258,66 +230,3 @@ def _checked(color_space: str) -> str:
             f"color_space must be one of {', '.join(COLOR_SPACES)}, got {color_space!r}."
         )
     return color_space
-
-
-def _is_bytes(view: PictureFile) -> bool:
-    """Whether `read_encoded` returns uint8, from the file's header."""
-    return view.color_space == "srgb" and holds_bytes(view.image)
-
-
-def _streamed(views: Sequence[PictureFile], dtype: np.dtype) -> Iterator[tuple[int, np.ndarray]]:
-    transparent = 0
-    with ThreadPoolExecutor(_THREADS) as pool:
-        try:
-            for place, (values, alpha) in _in_order(_jobs(views, pool)):
-                transparent += alpha is not None and views[place].background in _ALPHA
-                widen = values.dtype == np.uint8 and dtype != np.uint8
-                yield place, (values / 255).astype(dtype) if widen else values
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
-    if transparent:
-        warnings.warn(
-            f"{transparent} of {len(views)} pictures have alpha below 1, which "
-            f"{_ALPHA[views[0].background]}.",
-            CaptureWarning,
-            stacklevel=2,
-        )
-
-
-def _jobs(views: Sequence[PictureFile], pool: ThreadPoolExecutor) -> Iterator[tuple[int, Future]]:
-    """Index and future picture of every view, the frames of each video together and in order."""
-    videos: dict[Path, list[tuple[int, int]]] = {}
-    for place, view in enumerate(views):
-        frame = frame_of(view.image)
-        if frame is None:
-            yield place, pool.submit(_read, view)
-        else:
-            videos.setdefault(frame[0], []).append((frame[1], place))
-    for path, frames in videos.items():
-        frames.sort()
-        pictures = decode_frames(path, [index for index, _ in frames])
-        for (_, place), stored in zip(frames, pictures, strict=True):
-            view = views[place]
-            check_size(view.image, stored.shape[1::-1], *stored_size(view))
-            yield place, pool.submit(_shown, view, StoredPicture(stored, None))
-
-
-def _read(view: PictureFile) -> StoredPicture:
-    return _shown(view, read_with_alpha(view.image, *stored_size(view), view.background))
-
-
-def _shown(view: PictureFile, stored: StoredPicture) -> StoredPicture:
-    return StoredPicture(_encoded(view, stored.values), stored.alpha)
-
-
-def _in_order(jobs: Iterable[tuple[int, Future]]) -> Iterator[tuple[int, StoredPicture]]:
-    """The results of jobs in their order, while a few more run."""
-    waiting: deque[tuple[int, Future]] = deque()
-    for index, job in jobs:
-        waiting.append((index, job))
-        if len(waiting) > _AHEAD:
-            index, job = waiting.popleft()
-            yield index, job.result()
-    for index, job in waiting:
-        yield index, job.result()

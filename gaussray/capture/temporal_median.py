@@ -13,8 +13,9 @@ AVERAGED = 5
 # There, a pixel must also differ by more than this many times what the median pixel does: as long
 # as Gaussians do not show well what stands still, most pixels differ.
 OUTLYING = 6.0
-# Pixels of which medians are found at once: as many as caches hold.
-_PIECE = 1 << 13
+# Pixels of which medians are found at once: some tens of pictures of them fit into caches, and one
+# operation takes long enough for other threads not to wait for Python.
+_PIECE = 1 << 15
 
 
 def temporal_median(
@@ -94,8 +95,9 @@ def differs(picture: np.ndarray, other: np.ndarray, scale: int = 1) -> Bool[np.n
     other = np.asarray(other, np.float32)
     if picture.dtype == np.uint8:
         # Bytes that are compared with bytes; what is compared with NaN does not differ.
-        least = np.ceil(np.clip(np.nan_to_num(other, nan=0) - MOTION_THRESHOLD * scale, 0, 255))
-        most = np.floor(np.clip(np.nan_to_num(other, nan=255) + MOTION_THRESHOLD * scale, 0, 255))
+        # Of a number and NaN, `fmin` and `fmax` return the number.
+        least = np.ceil(np.fmin(np.fmax(other - MOTION_THRESHOLD * scale, 0), 255))
+        most = np.floor(np.fmax(np.fmin(other + MOTION_THRESHOLD * scale, 255), 0))
         apart = (picture < least.astype(np.uint8)) | (picture > most.astype(np.uint8))
     else:
         apart = np.abs(picture.astype(np.float32) - other) > MOTION_THRESHOLD * scale

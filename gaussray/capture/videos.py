@@ -3,7 +3,7 @@
 import functools
 import threading
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -88,9 +88,23 @@ def decode_frames(path: Path | str, indices: Sequence[int]) -> Iterator[UInt8[np
         CaptureError: the video is refused as in `read_video`, or has no frame of that number.
         OSError: the file is absent or damaged.
     """
+    for converted in deferred_frames(path, indices):
+        yield converted()
+
+
+def deferred_frames(
+    path: Path | str, indices: Sequence[int]
+) -> Iterator[Callable[[], UInt8[np.ndarray, "h w 3"]]]:
+    """Frames of a video that are decoded, each a function that converts it to what `decode_frames`
+    gives, in any thread.
+
+    Args:
+        path: file of the video.
+        indices: numbers of the frames, as for `decode_frames`.
+    """
     player = _Player(Path(path))
     for index in indices:
-        yield player.show(index)
+        yield functools.partial(upright, Path(path), player.frame(index))
 
 
 def read_frame(path: Path | str, index: int) -> UInt8[np.ndarray, "h w 3"]:
@@ -176,6 +190,10 @@ class _Player:
         self._frames, self._place, self._last = iter(()), -1, None
 
     def show(self, index: int) -> UInt8[np.ndarray, "h w 3"]:
+        return upright(self._path, self.frame(index))
+
+    def frame(self, index: int) -> Any:
+        """The frame as PyAV gives it."""
         if not 0 <= index < self._video.frames:
             raise CaptureError(
                 f"{self._path}: the index of a frame must be in 0 ... {self._video.frames - 1}, "
@@ -189,7 +207,7 @@ class _Player:
                 if self._last is None:
                     raise damaged_video(self._path, f"frame {self._place + 1} cannot be decoded")
                 self._place += 1
-            return upright(self._path, self._last)
+            return self._last
 
 
 @functools.lru_cache(maxsize=4)

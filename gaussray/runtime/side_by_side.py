@@ -1,14 +1,17 @@
-"""Several pieces of work at the same time, which end together where one of them fails."""
+"""Several pieces of work at the same time: all of them, or as many as there are threads."""
 
 import contextvars
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextvars import ContextVar
 from typing import TypeVar
 
+from gaussray.runtime.devices import cores
+
 
 T = TypeVar("T")
+U = TypeVar("U")
 
 # Set once nobody wants the result of this thread's work any more.
 _given_up: ContextVar[threading.Event | None] = ContextVar("given_up", default=None)
@@ -61,3 +64,24 @@ def run_side_by_side(works: Sequence[Callable[[], T]]) -> list[T]:
     if causes:
         raise causes[0]
     return [future.result() for future in futures]
+
+
+def mapped_in_threads(
+    function: Callable[[T], U], items: Iterable[T], threads: int | None = None
+) -> Iterator[U]:
+    """The results of a function for each of many items, in their order, as `map` gives them.
+
+    It helps where the function spends its time outside of Python: in NumPy, which computes with
+    large arrays while other threads go on, in decoders, or waiting for a device.
+
+    Args:
+        function: called in threads, for several items at a time.
+        items: all of them are taken at once.
+        threads: how many; None: as many as there are processors.
+    """
+    pool = ThreadPoolExecutor(threads or cores(), "map")
+    try:
+        yield from pool.map(function, items)
+    finally:
+        # Whoever interrupts, or needs no more, does not wait for the rest.
+        pool.shutdown(cancel_futures=True)

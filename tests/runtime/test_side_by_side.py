@@ -7,7 +7,7 @@ from contextvars import ContextVar
 import pytest
 
 from gaussray.runtime.progress import Progress
-from gaussray.runtime.side_by_side import demand_wanted, run_side_by_side
+from gaussray.runtime.side_by_side import demand_wanted, mapped_in_threads, run_side_by_side
 
 
 # Seconds after which a thread that waits for another has waited in vain.
@@ -60,3 +60,33 @@ def test_elsewhere_every_result_is_wanted():
     demand_wanted()
     assert run_side_by_side([lambda: demand_wanted()]) == [None]
     demand_wanted()
+
+
+def test_results_of_many_items_come_in_their_order_from_several_threads():
+    meeting = threading.Barrier(2, timeout=_IN_VAIN)
+
+    def twice(k):
+        # Alone, nobody ever gets past it.
+        meeting.wait()
+        time.sleep(0.01 * (3 - k))
+        return 2 * k
+
+    assert list(mapped_in_threads(twice, range(4), threads=2)) == [0, 2, 4, 6]
+    assert list(mapped_in_threads(twice, [])) == []
+
+
+def test_after_an_error_no_further_item_is_begun():
+    begun, go_on = [], threading.Event()
+
+    def work(k):
+        begun.append(k)
+        if k == 0:
+            raise ValueError("of the first")
+        # The only thread waits here until the error has reached the caller.
+        go_on.wait(_IN_VAIN)
+
+    results = mapped_in_threads(work, range(100), threads=1)
+    threading.Timer(0.2, go_on.set).start()
+    with pytest.raises(ValueError, match="of the first"):
+        list(results)
+    assert len(begun) < 3

@@ -1,5 +1,6 @@
 """Motion masks of training pictures: tiles that get more rays, points of what moves."""
 
+from collections import deque
 from typing import NamedTuple
 
 import equinox as eqx
@@ -12,7 +13,8 @@ from gaussray.camera.camera import Camera, project
 from gaussray.capture.spread import spread_indices
 from gaussray.capture.temporal_median import differs, temporal_median
 from gaussray.reconstruct.data.pictures import Footage
-from gaussray.reconstruct.data.tiles import join, tile_of, tile_pixels
+from gaussray.reconstruct.data.tiles import join, tile_of
+from gaussray.runtime.side_by_side import mapped_in_threads
 
 
 # The largest number of pictures of a camera, evenly spread in time, that a median is computed of.
@@ -37,24 +39,32 @@ class Activity(NamedTuple):
 def activity(footage: Footage) -> Activity:
     """The background of every camera and the moved pixels of every tile.
 
-    It works on a few tiles of one camera at a time, so that pictures on disk need little memory.
+    Each thread works on a few tiles of one camera at a time, so that pictures on disk need little
+    memory.
     """
     names, pixel = np.unique(footage.viewpoints), footage.pixel
     # A median of 8-bit levels is a multiple of 1/2, which half precision holds exactly.
     kind = np.float16 if pixel.dtype == np.uint8 else np.float32
     background = np.empty((len(names), *pixel.shape[1:]), kind)
     moved = np.empty(pixel.shape[:2], np.uint16)
+    pieces = []
     for row, name in enumerate(names):
         frames = np.flatnonzero(footage.viewpoints == name)
-        sample = spread_indices(len(frames), _SAMPLE)
         step = max(1, PIECE // (len(frames) * pixel[0, 0].nbytes))
-        for tiles in (slice(i, i + step) for i in range(0, pixel.shape[1], step)):
-            colors, visible = pixel[frames, tiles], footage.visible(frames, tiles)
-            median = temporal_median(colors[sample], None if visible is None else visible[sample])
-            background[row, tiles] = median
-            changed = differs(colors, median, footage.scale)
-            counted = changed if visible is None else changed & visible
-            moved[frames, tiles] = np.sum(counted, axis=-1)
+        for first in range(0, pixel.shape[1], step):
+            pieces.append((row, frames, slice(first, first + step)))
+
+    def find(piece):
+        row, frames, tiles = piece
+        colors, visible = pixel[frames, tiles], footage.visible(frames, tiles)
+        sample = spread_indices(len(frames), _SAMPLE)
+        median = temporal_median(colors[sample], None if visible is None else visible[sample])
+        background[row, tiles] = median
+        changed = differs(colors, median, footage.scale)
+        counted = changed if visible is None else changed & visible
+        moved[frames, tiles] = np.sum(counted, axis=-1)
+
+    deque(mapped_in_threads(find, pieces), maxlen=0)
     return Activity(background, moved)
 
 
@@ -66,9 +76,8 @@ def moved_pixels(footage: Footage, activity: Activity, frames) -> Bool[np.ndarra
         activity: their backgrounds (`activity`).
         frames: numbers of the frames.
     """
-    pixels = tile_pixels(footage.film, footage.side, footage.bundle)
     moved = moved_in_tiles(footage, activity, frames)
-    return np.stack([join(tiles, pixels, footage.film) for tiles in moved])
+    return np.stack([join(tiles, footage.places) for tiles in moved])
 
 
 def moved_in_tiles(
@@ -96,7 +105,8 @@ def point_activity(
     """The share of the time in which the pixel of each point no longer shows the point.
 
     For each camera: the share of frames in which the point's pixel differs by more than
-    `MOTION_THRESHOLD` from the camera's first frame, among the frames in which both are visible.
+    `MOTION_THRESHOLD` from the camera's first frame, among the frames in which both are visible (of
+    more than _SAMPLE frames, so many, evenly spread).
     The result is the median over the cameras whose picture holds the point; of a viewpoint of a
     single frame, such as those of a camera that moves, nothing is known. It is near 1 for points
     on a body that leaves, and near 0 for static points, even if bodies pass in front of them in
@@ -107,27 +117,31 @@ def point_activity(
         position: the points in the world, where they are at the first time.
     """
     film, times = footage.film, footage.times
-    shares = []
-    for name in np.unique(footage.viewpoints):
-        frames = np.flatnonzero(footage.viewpoints == name)
-        if len(frames) < 2:
-            continue
-        first = frames[np.argmin(times[frames])]
-        pixel = np.asarray(projected(footage.camera, jnp.asarray(first), jnp.asarray(position)))
+    own = [np.flatnonzero(footage.viewpoints == name) for name in np.unique(footage.viewpoints)]
+    own = [frames for frames in own if len(frames) > 1]
+    firsts = [frames[np.argmin(times[frames])] for frames in own]
+    # Before the threads, each of which would compile it.
+    places = [projected(footage.camera, jnp.asarray(i), jnp.asarray(position)) for i in firsts]
+
+    def share_in(frames, first, pixel) -> Float[np.ndarray, " points"]:
+        pixel = np.asarray(pixel)
         with np.errstate(invalid="ignore"):
             inside = np.all((pixel >= 0) & (pixel < (film.width, film.height)), axis=1)
         column, row = pixel[inside].astype(int).T
         tile, place = tile_of(film, footage.side, column, row, footage.bundle)
         before = footage.pixel[first, tile, place]
         changed, compared = np.zeros(len(tile)), np.zeros(len(tile))
-        for frame in frames:
+        for frame in frames[spread_indices(len(frames), _SAMPLE)]:
             both = _visible(footage, frame, tile, place) & _visible(footage, first, tile, place)
             compared += both
             now = footage.pixel[frame, tile, place]
             changed += both & differs(now, before, footage.scale)
         share, unknown = np.full(len(position), np.nan), np.full(len(tile), np.nan)
         share[inside] = np.divide(changed, compared, out=unknown, where=compared > 0)
-        shares.append(share)
+        return share
+
+    seen_by = zip(own, firsts, places, strict=True)
+    shares = list(mapped_in_threads(lambda view: share_in(*view), seen_by))
     table = np.array(shares).reshape(-1, len(position))
     seen = ~np.all(np.isnan(table), axis=0)
     result = np.zeros(len(position))

@@ -17,9 +17,16 @@ from gaussray.camera.camera import Camera
 from gaussray.camera.film import Film
 from gaussray.capture.capture import View, viewpoints
 from gaussray.capture.errors import CaptureError, CaptureWarning
-from gaussray.capture.frames import is_masked, stream_encoded, visible_pixels
+from gaussray.capture.frames import is_masked, visible_pixels
+from gaussray.capture.picture_stream import stream_encoded
 from gaussray.capture.same_lens import array_layout
-from gaussray.reconstruct.data.tiles import cut, fitting_side, join, tile_pixels
+from gaussray.reconstruct.data.tiles import (
+    cut,
+    fitting_side,
+    join,
+    places_in_tiles,
+    tile_pixels,
+)
 
 
 # Masks that keep a smaller share of the pixels are warned of.
@@ -65,6 +72,11 @@ class Footage:
         """What `median_picture` has found, by the first frame of each camera."""
         return {}
 
+    @functools.cached_property
+    def places(self) -> Int[np.ndarray, "h w"]:
+        """Where among the pixels of a frame's tiles each pixel of the picture is."""
+        return places_in_tiles(tile_pixels(self.film, self.side, self.bundle), self.film)
+
     @property
     def film(self) -> Film:
         """Size of every picture."""
@@ -103,16 +115,12 @@ class Footage:
 
     def pictures(self, frames: Int[np.ndarray, " n"]) -> Shaped[np.ndarray, "n h w 3"]:
         """Whole pictures."""
-        pixels = tile_pixels(self.film, self.side, self.bundle)
-        return np.stack([join(self.pixel[frame], pixels, self.film) for frame in frames])
+        return np.stack([join(self.pixel[frame], self.places) for frame in frames])
 
     def masks(self, frames: Int[np.ndarray, " n"]) -> Bool[np.ndarray, "n h w"] | None:
         """Which pixels of whole pictures count; None if all do."""
         visible = self.visible(frames)
-        if visible is None:
-            return None
-        pixels = tile_pixels(self.film, self.side, self.bundle)
-        return np.stack([join(tiles, pixels, self.film) for tiles in visible])
+        return None if visible is None else np.stack([join(x, self.places) for x in visible])
 
 
 def footage(
@@ -143,17 +151,23 @@ def footage(
     side = fitting_side(camera.film, side, bundle or side)
     pixels = tile_pixels(camera.film, side, bundle)
     masked = any(is_masked(view) for view in views)
-    dtype, pictures = stream_encoded(views)
+
+    def in_tiles(frame: int, picture: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+        tiles = cut(picture, pixels)
+        visible = cut(visible_pixels(views[frame]), pixels) if masked else None
+        return tiles, None if visible is None else np.packbits(visible, axis=-1)
+
+    dtype, pictures = stream_encoded(views, in_tiles)
     shape = (len(views), *pixels.shape, 3)
     packed = (len(views), len(pixels), -(-(side**2) // 8))
     size = np.prod(shape) * dtype.itemsize + masked * np.prod(packed)
     room = np.empty if size <= 1e9 * memory else _on_disk(folder)
     pixel = room(shape, dtype)
     mask = room(packed, np.dtype(np.uint8)) if masked else None
-    for done, (place, picture) in enumerate(pictures):
-        pixel[place] = cut(picture, pixels)
+    for done, (frame, (tiles, visible)) in enumerate(pictures):
+        pixel[frame] = tiles
         if mask is not None:
-            mask[place] = np.packbits(cut(visible_pixels(views[place]), pixels), axis=-1)
+            mask[frame] = visible
         report(done + 1)
     if mask is not None:
         _warn_of_masks(sum(int(np.unpackbits(row).sum()) for row in mask), len(views), camera)

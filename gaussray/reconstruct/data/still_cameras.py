@@ -1,5 +1,8 @@
 """Cameras that stand still: their temporal medians, and what moves in their pictures."""
 
+from collections import deque
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 from scipy.ndimage import uniform_filter
@@ -7,6 +10,7 @@ from scipy.ndimage import uniform_filter
 from gaussray.capture.spread import spread_indices
 from gaussray.capture.temporal_median import differs, temporal_median
 from gaussray.reconstruct.data.pictures import Footage
+from gaussray.runtime.side_by_side import mapped_in_threads
 
 
 # Frames of one camera of which the temporal median is taken, at least and at most.
@@ -71,6 +75,16 @@ def camera_frames(footage: Footage) -> list[tuple[Int[np.ndarray, " frames"], bo
         several = len(np.unique(footage.times[own])) == len(own)
         result.append((own, bool(still and several)))
     return result
+
+
+def find_medians(footage: Footage, cameras: Sequence[Int[np.ndarray, " frames"]]) -> None:
+    """Find the temporal medians of several cameras at the same time: the footage keeps them.
+
+    Args:
+        footage: the training pictures.
+        cameras: the frames of each camera.
+    """
+    deque(mapped_in_threads(lambda own: median_picture(footage, own), cameras), maxlen=0)
 
 
 def median_picture(

@@ -132,17 +132,24 @@ def cut(
 
 
 def join(
-    tiles: Shaped[np.ndarray, "tiles pixels *channels"],
-    pixels: Int[np.ndarray, "tiles pixels"],
-    film: Film,
+    tiles: Shaped[np.ndarray, "tiles pixels *channels"], places: Int[np.ndarray, "h w"]
 ) -> Shaped[np.ndarray, "h w *channels"]:
     """Join tiles to a picture: the inverse of `cut`.
 
     Args:
-        tiles: the tiles of one picture; of pixels that two tiles hold, the later one counts.
+        tiles: the tiles of one picture.
+        places: where among the pixels of all tiles each of the picture is (`places_in_tiles`).
+    """
+    return np.take(tiles.reshape(-1, *tiles.shape[2:]), places, axis=0)
+
+
+def places_in_tiles(pixels: Int[np.ndarray, "tiles pixels"], film: Film) -> Int[np.ndarray, "h w"]:
+    """Where among the pixels of all tiles each pixel of a picture is; the later place of two.
+
+    Args:
         pixels: which pixels each tile holds (`tile_pixels`).
         film: size of the picture.
     """
-    place = np.empty((film.height, film.width), np.int32)
-    place.reshape(-1)[pixels.reshape(-1)] = np.arange(pixels.size, dtype=np.int32)
-    return np.take(tiles.reshape(-1, *tiles.shape[2:]), place, axis=0)
+    places = np.empty((film.height, film.width), np.int32)
+    places.reshape(-1)[pixels.reshape(-1)] = np.arange(pixels.size, dtype=np.int32)
+    return places

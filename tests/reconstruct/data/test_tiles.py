@@ -9,6 +9,7 @@ from gaussray.reconstruct.data.tiles import (
     cut,
     fitting_side,
     join,
+    places_in_tiles,
     tile_grid,
     tile_of,
     tile_order,
@@ -47,10 +48,12 @@ def test_a_tile_is_a_square_row_after_row():
 
 def test_the_tiles_of_a_picture_make_the_picture(picture):
     pixels = tile_pixels(FILM, SIDE)
-    np.testing.assert_array_equal(join(cut(picture, pixels), pixels, FILM), picture)
+    np.testing.assert_array_equal(
+        join(cut(picture, pixels), places_in_tiles(pixels, FILM)), picture
+    )
     color = np.stack([picture, -picture, 2 * picture], axis=-1)
     assert cut(color, pixels).shape == (6, SIDE**2, 3)
-    np.testing.assert_array_equal(join(cut(color, pixels), pixels, FILM), color)
+    np.testing.assert_array_equal(join(cut(color, pixels), places_in_tiles(pixels, FILM)), color)
 
 
 def test_every_pixel_is_found_in_its_tile(picture):
@@ -89,7 +92,7 @@ def test_every_pixel_is_found_in_its_large_tile():
     tile, place = tile_of(film, 32, column, row, 8)
     pixels = tile_pixels(film, 32, 8)
     np.testing.assert_array_equal(cut(values, pixels)[tile, place], values[row, column])
-    np.testing.assert_array_equal(join(cut(values, pixels), pixels, film), values)
+    np.testing.assert_array_equal(join(cut(values, pixels), places_in_tiles(pixels, film)), values)
 
 
 def test_a_tile_fits_into_the_picture_and_is_whole_bundles():

@@ -2,7 +2,6 @@
 timestamps with its velocities."""
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple, TypeVar
 
 import jax
@@ -34,6 +33,7 @@ from gaussray.reconstruct.initialize.stereo.view_sets import (
 )
 from gaussray.reconstruct.initialize.stereo.views import stereo_views
 from gaussray.runtime.progress import ProgressReport, no_report
+from gaussray.runtime.side_by_side import mapped_in_threads
 
 
 # Residual of a registration from which on a velocity is not believed.
@@ -198,12 +198,7 @@ def _threads() -> int:
 def _several_at_once(find: Callable[[T], U], of: Sequence[T]) -> Iterator[U]:
     """What is found of each, in order; the first compiles for all."""
     yield from map(find, of[:1])
-    threads = ThreadPoolExecutor(_threads(), "stereo")
-    try:
-        yield from threads.map(find, of[1:])
-    finally:
-        # Whoever interrupts does not wait for the rest.
-        threads.shutdown(cancel_futures=True)
+    yield from mapped_in_threads(find, of[1:], _threads())
 
 
 def _alone(

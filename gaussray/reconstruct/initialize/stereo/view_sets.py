@@ -11,9 +11,15 @@ from scipy.ndimage import binary_dilation
 from gaussray.camera.camera import Camera
 from gaussray.capture.spread import spread_indices
 from gaussray.reconstruct.data.pictures import Footage
-from gaussray.reconstruct.data.still_cameras import FEWEST_FRAMES, camera_frames, median_picture
+from gaussray.reconstruct.data.still_cameras import (
+    FEWEST_FRAMES,
+    camera_frames,
+    find_medians,
+    median_picture,
+)
 from gaussray.reconstruct.initialize.stereo.matching import reduction
 from gaussray.reconstruct.initialize.stereo.views import StereoViews, stereo_views
+from gaussray.runtime.side_by_side import mapped_in_threads
 
 
 # Pixels that a picture in which points are looked at is reduced to, at most.
@@ -42,7 +48,9 @@ class StereoViewSet(NamedTuple):
 def still_views(footage: Footage) -> StereoViewSet:
     """One view per camera that stands still, its temporal median; of the others every frame."""
     pictures, masks, frames = [], [], []
-    for own, still in camera_frames(footage):
+    of_cameras = camera_frames(footage)
+    find_medians(footage, [own for own, still in of_cameras if still and len(own) >= FEWEST_FRAMES])
+    for own, still in of_cameras:
         own = own if not still else own[: 1 if len(own) < FEWEST_FRAMES else None]
         if not still or len(own) == 1:
             pictures += list(footage.pictures(own))
@@ -87,15 +95,17 @@ def moving_views(
             match the others with, and none of their pixels moves.
     """
     chosen = np.flatnonzero(footage.times == footage.times.dtype.type(time))
-    found = [moved(int(frame)) for frame in chosen]
+    found = list(mapped_in_threads(lambda frame: moved(int(frame)), chosen))
     shows = sum(mask is not None and mask.any() for mask in found)
     if not shows or shows + sum(mask is None for mask in found) < 2:
         return None
     everywhere = np.ones((footage.film.height, footage.film.width), bool)
     masks = np.stack([~everywhere if mask is None else mask for mask in found])
-    wide = np.stack(
-        [everywhere if m is None else binary_dilation(m, np.ones((3, 3)), 3) for m in found]
-    )
+
+    def widened(mask: Bool[np.ndarray, "h w"] | None) -> Bool[np.ndarray, "h w"]:
+        return everywhere if mask is None else binary_dilation(mask, np.ones((3, 3)), 3)
+
+    wide = np.stack(list(mapped_in_threads(widened, found)))
     cameras = jax.tree.map(lambda x: x[chosen], footage.camera)
     return StereoViewSet(footage.pictures(chosen), wide, cameras, chosen), masks
 
