@@ -98,7 +98,8 @@ def differs(picture: np.ndarray, other: np.ndarray, scale: int = 1) -> Bool[np.n
         # Of a number and NaN, `fmin` and `fmax` return the number.
         least = np.ceil(np.fmin(np.fmax(other - MOTION_THRESHOLD * scale, 0), 255))
         most = np.floor(np.fmax(np.fmin(other + MOTION_THRESHOLD * scale, 255), 0))
-        apart = (picture < least.astype(np.uint8)) | (picture > most.astype(np.uint8))
+        # What is below the least wraps around to more than lies between both.
+        apart = picture - least.astype(np.uint8) > (most - least).astype(np.uint8)
     else:
         apart = np.abs(picture.astype(np.float32) - other) > MOTION_THRESHOLD * scale
     # Several times as fast as `np.any`.

@@ -1,45 +1,17 @@
 """Pictures from disk: exact values, and every way in which a file can be wrong."""
 
-import dataclasses
-import pathlib
 import tracemalloc
 
-import films
 import numpy as np
 import OpenImageIO as oiio
 import pytest
+from picture_files import Picture, random_codes, write
 
 from gaussray.capture import picture_file
 from gaussray.capture.errors import CaptureError, CaptureWarning
 from gaussray.capture.frames import read_encoded, read_image, read_mask
 from gaussray.capture.picture_file import check_images, read_levels, read_with_alpha
-from gaussray.capture.stored_part import Window
 from gaussray.color import srgb_decode, srgb_encode
-
-
-@dataclasses.dataclass
-class Picture:
-    image: pathlib.Path
-    width: int
-    height: int
-    color_space: str = "srgb"
-    background: str = "none"
-    window: Window | None = None
-    margin: tuple[int, int, int, int] = (0, 0, 0, 0)
-
-
-def write(path, pixels):
-    kind = "float" if pixels.dtype == np.float32 else str(pixels.dtype)
-    spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], pixels.shape[2], kind)
-    spec["oiio:UnassociatedAlpha"] = 1
-    spec["jpeg:subsampling"] = "4:4:4"
-    file = oiio.ImageOutput.create(str(path))
-    assert file.open(str(path), spec) and file.write_image(pixels) and file.close()
-    return path
-
-
-def random_codes(kind=np.uint8, channels=3):
-    return np.random.default_rng(0).integers(0, np.iinfo(kind).max + 1, (24, 32, channels), kind)
 
 
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16])
@@ -205,40 +177,6 @@ def test_a_mask_of_a_few_pixels_tells_nothing(tmp_path):
     path = write(tmp_path / "m.png", random_codes()[:3, :4])
     with pytest.raises(CaptureError, match="m.png: the mask must be .* got 4 x 3"):
         read_mask(path, 32, 24)
-
-
-def test_eight_bit_files_stay_bytes(tmp_path):
-    stack = np.stack([random_codes() // (k + 1) for k in range(5)])
-    views = [Picture(write(tmp_path / f"{k}.png", p), 32, 24) for k, p in enumerate(stack)]
-    loaded = films.load(views)
-    assert loaded.dtype == np.uint8
-    np.testing.assert_array_equal(loaded, stack)
-
-
-def test_one_float_file_makes_all_of_them_float(tmp_path):
-    codes = random_codes()
-    linear = np.full((24, 32, 3), 0.5, np.float32)
-    views = [
-        Picture(write(tmp_path / "0.png", codes), 32, 24),
-        Picture(write(tmp_path / "1.exr", linear), 32, 24),
-        Picture(write(tmp_path / "2.png", codes), 32, 24),
-    ]
-    loaded = films.load(views)
-    assert loaded.dtype == np.float32
-    np.testing.assert_allclose(loaded[[0, 2]], np.stack([codes, codes]) / 255, rtol=1e-6)
-    np.testing.assert_allclose(loaded[1], srgb_encode(linear), rtol=1e-6)
-
-
-def test_views_of_two_sizes_are_not_stacked(tmp_path):
-    views = [Picture(tmp_path / "0.png", 32, 24), Picture(tmp_path / "1.png", 16, 24)]
-    with pytest.raises(CaptureError, match="1.png: all views.*16 x 24 after 32 x 24"):
-        films.load(views)
-
-
-def test_a_missing_picture_among_many_stops_the_loading(tmp_path):
-    path = write(tmp_path / "0.png", random_codes())
-    with pytest.raises(FileNotFoundError, match="1.png"):
-        films.load([Picture(path, 32, 24), Picture(tmp_path / "1.png", 32, 24)])
 
 
 def test_checking_names_every_wrong_picture_at_once(tmp_path):

@@ -56,7 +56,9 @@ def activity(footage: Footage) -> Activity:
 
     def find(piece):
         row, frames, tiles = piece
-        colors, visible = pixel[frames, tiles], footage.visible(frames, tiles)
+        # Other threads go on while pieces are copied; not while NumPy looks up numbers.
+        colors = np.stack([pixel[frame, tiles] for frame in frames])
+        visible = footage.visible(frames, tiles)
         sample = spread_indices(len(frames), _SAMPLE)
         median = temporal_median(colors[sample], None if visible is None else visible[sample])
         background[row, tiles] = median
