@@ -15,21 +15,33 @@ from gaussray.prepare.features import Keypoints, MatchingPicture
 _SAME = 1.0
 # A match stays where it is within so many pixels, for each 1000 pixels of width.
 _STAYS = 2.0
+# Cells along each side of a picture of which is asked whether they stay.
+_CELLS = 8
 
 
 def staying_share(
-    first: Keypoints, last: Keypoints, matches: Int[np.ndarray, "m 2"], width: int
+    first: Keypoints,
+    last: Keypoints,
+    matches: Int[np.ndarray, "m 2"],
+    size: tuple[int, int],
 ) -> float:
-    """The share of the features that two timestamps of a camera share that are where they were.
+    """The share of a camera's picture that is at one timestamp where it was at another: of the
+    features that both share, or of 8 x 8 cells, those of whose features half or more stay,
+    whichever is more. A body that moves may hold most of the features, but not most of the picture.
 
     Args:
         first: keypoints at the first timestamp.
         last: keypoints at the last one.
         matches: indices into `first` and `last`, at least one.
-        width: columns of the pictures; 2 pixels per 1000 of them (at least 1) count as no movement.
+        size: columns and rows; 2 pixels per 1000 columns (at least 1) count as no movement.
     """
-    shift = np.linalg.norm(first.xy[matches[:, 0]] - last.xy[matches[:, 1]], axis=1)
-    return float(np.mean(shift <= _STAYS * max(width / 1000, 0.5)))
+    before, after = first.xy[matches[:, 0]], last.xy[matches[:, 1]]
+    stays = np.linalg.norm(before - after, axis=1) <= _STAYS * max(size[0] / 1000, 0.5)
+    column, row = np.clip(before * _CELLS // np.array(size), 0, _CELLS - 1).astype(int).T
+    cell = row * _CELLS + column
+    total = np.bincount(cell, minlength=_CELLS**2)
+    staying = np.bincount(cell, stays, minlength=_CELLS**2)[total > 0] / total[total > 0]
+    return float(max(np.mean(stays), np.mean(staying >= 0.5)))
 
 
 def merge_keypoints(parts: Sequence[Keypoints]) -> tuple[Keypoints, list[Int[np.ndarray, " n"]]]:

@@ -31,8 +31,8 @@ _KNOWN_ERROR = 8.0
 _FEATURES = "features.db"
 # Cameras that a message names.
 _NAMED = 3
-# A camera stands still if so large a share of the features that two of its timestamps share stays
-# where it is, and moves if at most so small a share does; fewer shared features tell nothing.
+# A camera stands still if so large a share of its picture stays where it is (`staying_share`), and
+# moves if at most so small a share does; fewer features that timestamps share tell nothing.
 _STILL, _MOVING, _TELLING = 0.5, 0.2, 30
 
 
@@ -92,6 +92,7 @@ def find_poses(
         written = _write_pictures(sources, timeline, files, everyone, work, options)
         _extract(work, written, known, options)
         still = _still_cameras(work / _FEATURES, written, options)
+        _tell_rig(sorted(still), sorted(everyone - still))
     if known is not None and still < everyone:
         raise PrepareError(
             "poses.calibration must be of cameras that stand still, got pictures that move. "
@@ -103,8 +104,9 @@ def find_poses(
         _tell_stride(timeline, [s.name for s in sources if s.name not in still], stride)
         timeline = thinned_timeline(timeline, stride)
         files = {name: own[::stride] for name, own in files.items()}
-    if written is None or still < everyone:
-        # Files have other numbers than those that told which cameras stand still.
+    told_by_all = len(timeline.times) <= options.frames.instants and stride == 1
+    if written is None or (still < everyone and not told_by_all):
+        # Other files, with other numbers, than those that told which cameras stand still.
         work = work / "placed"
         written = _write_pictures(sources, timeline, files, still, work, options)
         _extract(work, written, known, options)
@@ -112,13 +114,29 @@ def find_poses(
     return dataclasses.replace(placement, stride=stride)
 
 
+def _tell_rig(still: Sequence[str], moving: Sequence[str]) -> None:
+    """Say which cameras stand still, by their pictures, and how to say otherwise."""
+    if not moving:
+        say("By their pictures, all cameras stand still (poses.rig=moving: they do not).")
+    elif not still:
+        say("By their pictures, all cameras move (poses.rig=still: they do not).")
+    else:
+        say(
+            f"By their pictures, cameras stand still ({_some(still)}) or move ({_some(moving)}). "
+            "If only what they show moves, set poses.rig=still."
+        )
+
+
+def _some(names: Sequence[str]) -> str:
+    return ", ".join(names[:_NAMED]) + (" ..." if len(names) > _NAMED else "")
+
+
 def _tell_stride(timeline: Timeline, moving: Sequence[str], stride: int) -> None:
-    total, alone = len(timeline.times), len(moving) == 1
-    names = ", ".join(moving[:_NAMED]) + (" ..." if len(moving) > _NAMED else "")
+    total, several = len(timeline.times), len(moving) > 1
     say(
-        f"{names}: the camera{'s' * (not alone)} move{'s' * alone}, and every picture needs a pose "
-        f"of its own: {-(-total // stride)} of {total} timestamps are used. "
-        f"frames.rate={timeline.rate:.6g} takes them all."
+        f"{_some(moving)}: the camera{'s' if several else ''} move{'' if several else 's'}, and "
+        f"every picture needs a pose of its own: {-(-total // stride)} of {total} timestamps are "
+        f"used. frames.rate={timeline.rate:.6g} takes them all."
     )
 
 
@@ -211,7 +229,7 @@ def _still_cameras(
     shares: dict[str, float | None] = {}
     for name, own in pairs.items():
         found = [
-            merging.staying_share(keypoints[a], keypoints[b], rows, shown[name][0].size[0])
+            merging.staying_share(keypoints[a], keypoints[b], rows, shown[name][0].size)
             for a, b in own
             if (rows := matches.get((a, b))) is not None and len(rows) >= _TELLING
         ]

@@ -46,7 +46,7 @@ def test_a_camera_that_stands_still_does_so_whatever_its_pictures_numbers(
             assert len(rows) > 100
             # The pictures are equal, so that matches are at one place: columns are not swapped.
             assert np.allclose(keypoints[first].xy[rows[:, 0]], keypoints[last].xy[rows[:, 1]])
-            assert staying_share(keypoints[first], keypoints[last], rows, SIZE[0]) == 1
+            assert staying_share(keypoints[first], keypoints[last], rows, SIZE) == 1
 
 
 def test_pictures_are_numbered_in_their_order_and_not_in_that_of_threads(tmp_path, painted):
