@@ -1,6 +1,7 @@
 """Several pieces of work at the same time: all of them, or as many as there are threads."""
 
 import contextvars
+import itertools
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
@@ -72,16 +73,19 @@ def mapped_in_threads(
     """The results of a function for each of many items, in their order, as `map` gives them.
 
     It helps where the function spends its time outside of Python: in NumPy, which computes with
-    large arrays while other threads go on, in decoders, or waiting for a device.
+    large arrays while other threads go on, in decoders, or waiting for a device. The first item is
+    done before the others: the programs that it compiles serve all.
 
     Args:
         function: called in threads, for several items at a time.
         items: all of them are taken at once.
         threads: how many; None: as many as there are processors.
     """
+    waiting = iter(items)
+    yield from map(function, itertools.islice(waiting, 1))
     pool = ThreadPoolExecutor(threads or cores(), "map")
     try:
-        yield from pool.map(function, items)
+        yield from pool.map(function, waiting)
     finally:
         # Whoever interrupts, or needs no more, does not wait for the rest.
         pool.shutdown(cancel_futures=True)

@@ -66,12 +66,13 @@ def test_results_of_many_items_come_in_their_order_from_several_threads():
     meeting = threading.Barrier(2, timeout=_IN_VAIN)
 
     def twice(k):
-        # Alone, nobody ever gets past it.
-        meeting.wait()
-        time.sleep(0.01 * (3 - k))
+        # The first is done before the others; of these nobody gets past it alone.
+        if k:
+            meeting.wait()
+        time.sleep(0.01 * (4 - k))
         return 2 * k
 
-    assert list(mapped_in_threads(twice, range(4), threads=2)) == [0, 2, 4, 6]
+    assert list(mapped_in_threads(twice, range(5), threads=2)) == [0, 2, 4, 6, 8]
     assert list(mapped_in_threads(twice, [])) == []
 
 
@@ -80,13 +81,14 @@ def test_after_an_error_no_further_item_is_begun():
 
     def work(k):
         begun.append(k)
-        if k == 0:
-            raise ValueError("of the first")
+        if k == 1:
+            raise ValueError("of the second")
         # The only thread waits here until the error has reached the caller.
-        go_on.wait(_IN_VAIN)
+        if k:
+            go_on.wait(_IN_VAIN)
 
     results = mapped_in_threads(work, range(100), threads=1)
     threading.Timer(0.2, go_on.set).start()
-    with pytest.raises(ValueError, match="of the first"):
+    with pytest.raises(ValueError, match="of the second"):
         list(results)
-    assert len(begun) < 3
+    assert len(begun) < 4

@@ -1,8 +1,8 @@
 """Points from the training pictures of a capture: of what stands still, and of what moves at given
 timestamps with its velocities."""
 
-from collections.abc import Callable, Iterator, Sequence
-from typing import NamedTuple, TypeVar
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -40,9 +40,6 @@ from gaussray.runtime.side_by_side import mapped_in_threads
 _BELIEVED = 2.0
 # Points of what moves per moving pixel of a picture, below which silhouettes fill up.
 _ENOUGH = 0.25
-
-T = TypeVar("T")
-U = TypeVar("U")
 
 
 class MovingPoints(NamedTuple):
@@ -180,10 +177,10 @@ def moving_points(
         return motion.displacement / (times[other] - times[k]), motion.residual
 
     clouds, result = [], []
-    for cloud in _several_at_once(cloud_at, times):
+    for cloud in mapped_in_threads(cloud_at, times, _threads()):
         clouds.append(cloud)
         report(len(clouds), 2 * len(times))
-    for k, motion in enumerate(_several_at_once(motion_of, range(len(clouds)))):
+    for k, motion in enumerate(mapped_in_threads(motion_of, range(len(clouds)), _threads())):
         result.append(MovingPoints(clouds[k], float(times[k]), *motion))
         report(len(clouds) + k + 1, 2 * len(times))
     return result
@@ -193,12 +190,6 @@ def _threads() -> int:
     """How many times are looked at together: on a GPU, threads prepare others while it works on
     one."""
     return 1 if jax.default_backend() == "cpu" else 4
-
-
-def _several_at_once(find: Callable[[T], U], of: Sequence[T]) -> Iterator[U]:
-    """What is found of each, in order; the first compiles for all."""
-    yield from map(find, of[:1])
-    yield from mapped_in_threads(find, of[1:], _threads())
 
 
 def _alone(
