@@ -115,18 +115,30 @@ def differs(picture: np.ndarray, other: np.ndarray, scale: int = 1) -> Bool[np.n
         other: colours to compare with, of the same scale.
         scale: 1 for floats, 255 for 8-bit levels.
     """
-    other = np.asarray(other, np.float32)
     if picture.dtype == np.uint8:
-        # Bytes that are compared with bytes; what is compared with NaN does not differ.
-        # Of a number and NaN, `fmin` and `fmax` return the number.
-        least = np.ceil(np.fmin(np.fmax(other - MOTION_THRESHOLD * scale, 0), 255))
-        most = np.floor(np.fmax(np.fmin(other + MOTION_THRESHOLD * scale, 255), 0))
-        # What is below the least wraps around to more than lies between both.
-        apart = picture - least.astype(np.uint8) > (most - least).astype(np.uint8)
+        # Bytes that are compared with bytes; what is below the least wraps around to more than lies
+        # between both.
+        least, most = _alike(other, scale)
+        apart = picture - least > most - least
     else:
+        other = np.asarray(other, np.float32)
         apart = np.abs(picture.astype(np.float32) - other) > MOTION_THRESHOLD * scale
     # Several times as fast as `np.any`.
     return apart[..., 0] | apart[..., 1] | apart[..., 2]
+
+
+def _alike(
+    other: np.ndarray, scale: int
+) -> tuple[UInt8[np.ndarray, "..."], UInt8[np.ndarray, "..."]]:
+    """The least and the largest level that does not differ from each colour; 0 and 255 for NaN."""
+    if other.dtype == np.uint8:
+        least, most = _alike(np.arange(256, dtype=np.float32), scale)
+        return least[other], most[other]
+    other = np.asarray(other, np.float32)
+    # Of a number and NaN, `fmin` and `fmax` return the number.
+    least = np.ceil(np.fmin(np.fmax(other - MOTION_THRESHOLD * scale, 0), 255))
+    most = np.floor(np.fmax(np.fmin(other + MOTION_THRESHOLD * scale, 255), 0))
+    return least.astype(np.uint8), most.astype(np.uint8)
 
 
 def stands_out(difference: Float[np.ndarray, "h w 3"]) -> Bool[np.ndarray, "h w"]:

@@ -42,6 +42,12 @@ def test_the_median_of_bytes_is_that_of_sorting(count, masked):
     np.testing.assert_array_equal(temporal_median(pictures, visible), expected)
 
 
+def test_pictures_of_several_pieces_have_the_medians_of_their_pixels():
+    # Some more than two pieces of 16,384 pixels, the last of which is not full.
+    pictures = np.random.default_rng(0).integers(0, 256, (4, 150, 220, 3), np.uint8)
+    np.testing.assert_array_equal(temporal_median(pictures), np.median(pictures, axis=0))
+
+
 def test_bytes_differ_from_a_median_as_their_numbers_do():
     level, median = np.arange(256, dtype=np.uint8), np.append(np.arange(0, 255.5, 0.5), np.nan)
     picture = np.zeros((256, len(median), 3), np.uint8)
@@ -50,6 +56,10 @@ def test_bytes_differ_from_a_median_as_their_numbers_do():
     other[:, 1] = median
     expected = np.abs(level[:, None] - median.astype(float)) > 25.5
     np.testing.assert_array_equal(differs(picture, other, 255), expected)
+    # Of a median in bytes, too.
+    whole = np.flatnonzero(median == np.floor(median))
+    levels = other[whole].astype(np.uint8)
+    np.testing.assert_array_equal(differs(picture[:, whole], levels, 255), expected[:, whole])
 
 
 @pytest.mark.parametrize(("level", "expected"), [(25, False), (26, True)])
