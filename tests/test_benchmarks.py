@@ -13,6 +13,7 @@ from benchmarks import (
     bench_disk,
     bench_first,
     bench_grid,
+    bench_pictures,
     bench_reconstruct,
     bench_render,
     bench_scaling,
@@ -126,6 +127,19 @@ def test_every_kind_of_file_is_measured(tmp_path, monkeypatch):
         assert set(record.KEYS) <= set(line)
         assert min(line[name] for name in ("one_thread", "all_threads", "kilobytes")) > 0
         assert line["fps"] == pytest.approx(line["data_set"])
+
+
+def test_what_a_fit_does_with_pictures_is_timed_by_part(tmp_path, monkeypatch):
+    monkeypatch.setattr(record, "RESULTS", tmp_path)
+    arguments = ["--cameras", "2", "--times", "4", "--side", "64", "--backend", "array"]
+    bench_pictures.main(arguments)
+    lines = lines_of(tmp_path, "pictures")
+    assert [line["part"] for line in lines] == ["read", "motion", "medians", "points"]
+    for line in lines:
+        assert line["pictures"] == 8 and line["megapixels"] == pytest.approx(64**2 / 1e6)
+        # All bytes of all pictures, in the seconds of the part.
+        total = 8 * 64**2 * 3 / 1e9
+        assert line["gigabytes_per_s"] == pytest.approx(total / line["seconds"])
 
 
 def test_exponent_of_a_power_law():
