@@ -77,6 +77,8 @@ READERS = {
     "exr": _pictures(".exr", (3, "float32"), (4, "float32"), (5, "float32")),
     "bmp": _pictures(".bmp"),
     "webp": _pictures(".webp", (), (4,)),
+    "pgm": _pictures(".pgm", (1,), (1, "uint16")),
+    "ppm": _pictures(".ppm", (), (3, "uint16")),
     "mp4-h264": _videos(".mp4", "libx264"),
     "mkv-vp9": _videos(".mkv", "libvpx-vp9"),
     "avi-mjpeg": _videos(".avi", "mjpeg"),

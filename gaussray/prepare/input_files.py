@@ -16,7 +16,6 @@ MEDIA_SUFFIXES = (*VIDEO_SUFFIXES, *PHOTOGRAPH_SUFFIXES)
 # Videos and photographs that are not read: raw formats, those of 360-degree cameras, animations.
 _UNREAD = (
     *(".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".gif", ".avif", ".jp2"),
-    *(".pgm", ".ppm", ".pnm"),
     *(".insv", ".insp", ".360", ".wmv", ".flv", ".ts", ".vob"),
 )
 # Folders and files that a message names.

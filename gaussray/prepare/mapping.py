@@ -1,7 +1,11 @@
 """Poses from matches: estimated together with lenses, or known and triangulated only."""
 
+import contextlib
+import contextvars
 import dataclasses
 import tempfile
+import threading
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +37,8 @@ from gaussray.runtime.progress import Progress, say
 
 # Choices of poses.model that are tried without distortion if they fail.
 _STRAIGHTENED = ("radial", "opencv")
+# Seconds after which it is told that the mapper works, also while it places no picture.
+_BEAT = 10.0
 # Fewest pictures of a reconstruction, and those with which each attempt begins.
 _LEAST, _FIRST = 2, 2
 # Of two pictures alone, no third one can confirm a point: angles in degrees between the rays of the
@@ -151,6 +157,23 @@ class _Attempts:
         self.placed += 1
         self._report()
 
+    @contextlib.contextmanager
+    def watched(self) -> Iterator[None]:
+        """Within the block, tell now and then that the mapper works."""
+        ended = threading.Event()
+
+        def tell() -> None:
+            while not ended.wait(_BEAT):
+                self._report()
+
+        watch = threading.Thread(target=contextvars.copy_context().run, args=(tell,), daemon=True)
+        watch.start()
+        try:
+            yield
+        finally:
+            ended.set()
+            watch.join()
+
     def end(self, placed: int) -> None:
         """The attempts are over, the best of which has placed so many pictures."""
         best = f"in the best of {counted(self.number, 'attempt')}"
@@ -159,7 +182,9 @@ class _Attempts:
     def _report(self) -> None:
         # The last picture is not the end: all are adjusted, and some placed again or once more.
         if self.placed < self.total:
-            self.progress.report(self.placed, f"have a pose in attempt {self.number}")
+            begun = f"have a pose in attempt {self.number}"
+            note = begun if self.number else "two are sought to begin with"
+            self.progress.report(self.placed, note)
 
 
 def _reconstruction(
@@ -180,7 +205,7 @@ def _reconstruction(
         mapping.mapper.init_min_tri_angle = _PAIR_ANGLE
         mapping.mapper.filter_min_tri_angle = mapping.triangulation.min_angle = _POINT_ANGLE
     attempts = _Attempts(total)
-    with tempfile.TemporaryDirectory() as out:
+    with tempfile.TemporaryDirectory() as out, attempts.watched():
         models = colmap.incremental_mapping(
             database,
             pictures,

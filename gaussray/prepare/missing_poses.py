@@ -74,10 +74,12 @@ def missing_poses_reason(database: Path, still: bool = False) -> str:
         )
     if lacks_parallax(database, 0):
         return (
-            "the pictures must be taken from different places, got pictures without parallax. "
-            "Move the camera sideways between them, by about a tenth of the distance of what it "
-            "shows; turning it or zooming is not enough. Several cameras must not stand in one "
-            "place."
+            "the pictures must show depth from different places, got pictures without parallax. "
+            "Either they are taken from one place: move the camera sideways between them, by about "
+            "a tenth of the distance of what it shows (turning it or zooming is not enough), and "
+            "do not put several cameras in one place. Or all that they show lies in one plane or "
+            "far away: put something in front of it, or give a calibration as "
+            "poses.calibration=FILE."
         )
     best = max(_verified_counts(database), default=0)
     if best >= FIRST_PAIR:

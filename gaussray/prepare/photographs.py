@@ -20,7 +20,7 @@ from gaussray.prepare.errors import PrepareError
 
 HEIC_SUFFIXES = (".heic", ".heif")
 PHOTOGRAPH_SUFFIXES = (
-    *(".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp"),
+    *(".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".pgm", ".ppm", ".pnm"),
     *HEIC_SUFFIXES,
 )
 # EXIF tags by which COLMAP knows a focal length, their numbers and types.

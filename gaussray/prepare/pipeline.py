@@ -12,6 +12,7 @@ from gaussray.prepare.calibrations.assign import assign_cameras, stills_by_camer
 from gaussray.prepare.calibrations.known_camera import KnownCamera
 from gaussray.prepare.calibrations.read import read_calibration
 from gaussray.prepare.colmap import pycolmap, quiet_colmap
+from gaussray.prepare.details import check_details
 from gaussray.prepare.epipolar import epipolar_pairs
 from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.exposure import exposure_gains, observed_levels, point_levels
@@ -26,6 +27,7 @@ from gaussray.prepare.findings.points import point_findings
 from gaussray.prepare.masks import copy_masks
 from gaussray.prepare.media import copy_media
 from gaussray.prepare.options import PrepareOptions
+from gaussray.prepare.panels.failures import panels_in_errors
 from gaussray.prepare.poses import Placement, find_poses
 from gaussray.prepare.sources import Source, find_sources
 from gaussray.prepare.stray_poses import without_strays
@@ -63,6 +65,8 @@ def prepare_capture(
     options, out = options or PrepareOptions(), Path(out)
     pycolmap()
     sources, known, remarks = _calibrated(find_sources(videos), options)
+    if known is None:
+        check_details(sources)
     sync = synchronise(sources, options.sync)
     timeline = common_timeline(sources, sync, options.frames)
     if len(sources) == 1 and not options.frames.rate and resampled(sources, timeline):
@@ -73,7 +77,8 @@ def prepare_capture(
     files = copy_media(sources, timeline, out)
     copy_masks(sources, timeline, files)
     out.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=out, prefix=".prepare") as work, quiet_colmap():
+    folder = tempfile.TemporaryDirectory(dir=out, prefix=".prepare")
+    with panels_in_errors(sources), folder as work, quiet_colmap():
         placement = find_poses(sources, timeline, files, known, Path(work), options)
         files = {name: own[:: placement.stride] for name, own in files.items()}
         placement, strays = without_strays(placement, files)

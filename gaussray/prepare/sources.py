@@ -14,6 +14,7 @@ from gaussray.capture.video_times import picture_ticks
 from gaussray.capture.videos import VIDEO_SUFFIXES
 from gaussray.io.natural_order import natural_order
 from gaussray.prepare.errors import PrepareError
+from gaussray.prepare.first_picture import FirstPicture, first_picture
 from gaussray.prepare.input_files import (
     MEDIA_SUFFIXES,
     camera_folders,
@@ -22,8 +23,8 @@ from gaussray.prepare.input_files import (
     unread_files,
 )
 from gaussray.prepare.names_of_cameras import pictures_by_camera
+from gaussray.prepare.panels.find import warn_of_panels
 from gaussray.prepare.photographs import PHOTOGRAPH_SUFFIXES, photograph_size
-from gaussray.prepare.two_views import warn_of_two_views
 from gaussray.runtime.output import counted
 from gaussray.runtime.progress import say
 
@@ -48,6 +49,7 @@ class Source:
         sizes: columns and rows of each upright picture; of a video, whose frames have one size,
             a single pair.
         has_sound: the video has a sound track.
+        first: what the first picture of a video tells; None of pictures.
     """
 
     name: str
@@ -56,6 +58,7 @@ class Source:
     times: Float[np.ndarray, " frames"]
     sizes: tuple[tuple[int, int], ...]
     has_sound: bool = False
+    first: FirstPicture | None = None
 
     @property
     def is_video(self) -> bool:
@@ -113,7 +116,7 @@ def find_sources(folder: Path | str) -> list[Source]:
     folder = Path(folder)
     if folder.is_file():
         if folder.suffix.lower() in VIDEO_SUFFIXES:
-            return [_video(folder.stem, folder)]
+            return _told_of_panels([_video(folder.stem, folder)])
         raise PrepareError(
             f"videos={folder}: must be a video or the folder of the videos or pictures, got "
             "another file. Put it into a folder of its own, and name that."
@@ -142,7 +145,14 @@ def find_sources(folder: Path | str) -> list[Source]:
         )
     _check_sources(folder, sources, unread)
     _warn_of_counts(folder, sources)
-    return sorted(sources, key=lambda source: natural_order(Path(source.name)))
+    return _told_of_panels(sorted(sources, key=lambda source: natural_order(Path(source.name))))
+
+
+def _told_of_panels(sources: list[Source]) -> list[Source]:
+    """The cameras, with a warning of each video that seems to hold several views or maps."""
+    firsts = {source.path: source.first.panels for source in sources if source.first is not None}
+    warn_of_panels(list(firsts), list(firsts.values()))
+    return sources
 
 
 def _check_sources(folder: Path, sources: list[Source], unread: list[str]) -> None:
@@ -220,20 +230,19 @@ def _video(name: str, path: Path) -> Source:
         raise PrepareError(f"{path}: the video is an empty file. Copy it again, or take it away.")
     with open_video(path) as container:
         stream = video_stream(path, container)
-        packets, size = [], None
+        packets, picture = [], None
         for packet in container.demux(stream):
             if packet.size and not packet.is_discard and packet.pts is not None:
                 packets.append((packet.pts, packet.size))
-            if size is None and (frame := next(iter(packet.decode()), None)) is not None:
+            if picture is None and (frame := next(iter(packet.decode()), None)) is not None:
                 picture = upright(path, frame)
-                warn_of_two_views(path, picture)
-                size = picture.shape[1::-1]
         ticks = picture_ticks(path, stream.codec_context.name, packets)
         times = np.array(ticks, np.float64) * float(stream.time_base)
         sound = bool(container.streams.audio)
-    if size is None or not len(times):
+    if picture is None or not len(times):
         raise PrepareError(f"{path}: the video must hold frames with times, got none.")
-    return Source(name, path, (), times, ((size[0], size[1]),), sound)
+    height, width = picture.shape[:2]
+    return Source(name, path, (), times, ((width, height),), sound, first_picture(picture))
 
 
 def check_frames(source: Source, decoded: int) -> None:

@@ -1,5 +1,7 @@
 """Attempts to find poses: those that fail are followed by simpler ones."""
 
+import threading
+
 import numpy as np
 import pytest
 from reconstructions import FOCAL, around, reconstruction
@@ -118,6 +120,25 @@ def test_progress_counts_the_pictures_of_each_attempt(tmp_path, database, monkey
     assert reports[5:] == [(5, second)]
     text = f"{PICTURES} of {PICTURES} pictures have a pose in the best of 2 attempts."
     assert said[-1] == text
+
+
+def test_a_search_that_places_nothing_tells_that_it_goes_on(tmp_path, database, monkeypatch):
+    told = threading.Event()
+
+    class Recorder(mapping.Progress):
+        def report(self, done, note=""):
+            assert (done, note) == (0, "two are sought to begin with")
+            told.set()
+
+    def incremental(*_, **__):
+        # Nothing is placed, and it ends once that is told, at the latest after so many seconds.
+        assert told.wait(20.0)
+        return {0: registered(5)}
+
+    monkeypatch.setattr(mapping, "_BEAT", 0.01)
+    monkeypatch.setattr(mapping, "Progress", Recorder)
+    monkeypatch.setattr(colmap, "incremental_mapping", incremental)
+    mapping.estimate_poses(database, tmp_path, PosesOptions())
 
 
 def test_progress_of_poses_has_no_time_left_before_the_end(tmp_path, database, monkeypatch):

@@ -19,6 +19,7 @@ from quads import (
 )
 from scipy.spatial.transform import Rotation
 
+from gaussray.capture.errors import CaptureWarning
 from gaussray.capture.open import open_capture
 from gaussray.dataset.images import write_image
 from gaussray.geometry import BLENDER_AXES
@@ -332,7 +333,7 @@ def test_black_videos_are_refused(tmp_path):
     (tmp_path / "in").mkdir()
     for name in "ab":
         write_video(tmp_path / "in" / f"{name}.mp4", [np.zeros((120, 160, 3), np.uint8)] * 4)
-    refused(tmp_path / "in", "got 0 features a picture .*not black, overexposed")
+    refused(tmp_path / "in", "show texture, but all 2 cameras' .* an even colour.*not black")
 
 
 def test_videos_of_different_rooms_are_refused(tmp_path, painted):
@@ -341,6 +342,15 @@ def test_videos_of_different_rooms_are_refused(tmp_path, painted):
         frame = picture(pose, textures(seed=20) if k else painted)
         write_video(tmp_path / "in" / f"{k}.mp4", [frame] * 4)
     refused(tmp_path / "in", "add cameras between, or give a calibration")
+
+
+def test_a_failure_repeats_which_videos_hold_two_views(tmp_path, painted):
+    (tmp_path / "in").mkdir()
+    poses = [looking((x, -3.5, 1.9), (x, 1.5, 0.8)) for x in (-0.05, 0.05)]
+    both = np.concatenate([picture(pose, painted) for pose in poses], axis=1)
+    write_video(tmp_path / "in" / "a.mp4", [both] * 4)
+    with pytest.warns(CaptureWarning, match="a.mp4: the picture looks like two views side by side"):
+        refused(tmp_path / "in", "a single camera.* that a.mp4 seems to hold several views")
 
 
 @pytest.mark.parametrize("count", [1, 4])
@@ -356,7 +366,10 @@ def test_pictures_from_one_place_are_refused(tmp_path, painted, turn):
     targets = np.linspace(-turn / 2, turn / 2, 6)
     poses = [looking((0, -3.5, 1.9), (x, 1.5, 0.8)) for x in targets]
     write_pictures(tmp_path / "in", poses, painted)
-    refused(tmp_path / "in", "got pictures without parallax.*Move the camera sideways")
+    refused(
+        tmp_path / "in",
+        "got pictures without parallax.*move the camera sideways.*one plane.*calibration=FILE",
+    )
 
 
 def test_a_broken_picture_is_refused(tmp_path, painted):

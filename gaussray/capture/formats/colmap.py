@@ -29,7 +29,7 @@ from gaussray.capture.videos import VIDEO_SUFFIXES, frame_path, read_video
 from gaussray.io.natural_order import natural_order
 
 
-PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr")
+PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".pgm", ".ppm", ".pnm")
 # Registered pictures of a camera that stands still may differ by this angle in radians (about a
 # pixel) and by this share of the extent of all cameras.
 TURN, SHIFT = 1e-3, 1e-3

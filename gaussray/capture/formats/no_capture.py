@@ -22,15 +22,22 @@ _MEDIA = (*KNOWN_SUFFIXES, *VIDEO_SUFFIXES, ".heic")
 # Calibrations of EasyMocap and EasyVolcap, and of Pose2Sim's converter to them, in lower case.
 _EASY_FILES = ("intri.yml", "intrinsic.yml")
 # What the other calibrations hold that `gaussray prepare` reads, by the end of their names: those
-# of Anipose, Caliscope and Pose2Sim, Qualisys, Kalibr, Panoptic Studio.
-_CALIBRATIONS = {
-    ".toml": (rb"^\s*matrix\s*=", rb"^\s*rotation\s*="),
-    ".qca.txt": (rb"<intrinsic\b", rb"<transform\b"),
-    ".xml": (rb"<intrinsic\b", rb"<transform\b"),
-    ".yaml": (rb"^cam\d+:", rb"^\s+camera_model:"),
-    ".yml": (rb"^cam\d+:", rb"^\s+camera_model:"),
-    ".json": (rb'"cameras"\s*:\s*\[', rb'"K"\s*:', rb'"R"\s*:'),
-}
+# of Anipose, Caliscope and Pose2Sim, Qualisys, Kalibr, Panoptic Studio, and stereo calibrations.
+_QUALISYS, _KALIBR = (rb"<intrinsic\b", rb"<transform\b"), (rb"^cam\d+:", rb"^\s+camera_model:")
+_STEREO = (rb"opencv", rb"^R:", rb"^T:")
+_CALIBRATIONS = (
+    (".toml", (rb"^\s*matrix\s*=", rb"^\s*rotation\s*=")),
+    (".qca.txt", _QUALISYS),
+    (".xml", _QUALISYS),
+    (".xml", (rb"<opencv_storage", rb"<R\b", rb"<T\b")),
+    (".yaml", _KALIBR),
+    (".yml", _KALIBR),
+    (".yaml", _STEREO),
+    (".yml", _STEREO),
+    (".json", (rb'"cameras"\s*:\s*\[', rb'"K"\s*:', rb'"R"\s*:')),
+    (".npz", (rb"\bR\.npy", rb"\bT\.npy")),
+    (".dat", (rb"^R:", rb"^T:")),
+)
 # Files that formats have, whatever they hold here.
 _FORMAT_NAMES = {CALIBRATION_FILE, DATASET_FILE, INFO_FILE, MODELS_FILE}
 # Bytes of a file that are looked at.
@@ -167,17 +174,19 @@ def _calibration_in(folder: Path) -> Path | None:
     calibration; None if there is none."""
     for place in (folder, *folders_in(folder)):
         files = (path for path in sorted(place.iterdir()) if path.is_file())
-        named = [(path, _patterns(path.name.lower())) for path in files]
-        for path, patterns in [(p, found) for p, found in named if found][:_LOOKED_AT]:
+        named = [(path, _kinds(path.name.lower())) for path in files]
+        for path, kinds in [(p, found) for p, found in named if found][:_LOOKED_AT]:
             with path.open("rb") as file:
                 head = file.read(_HEAD)
-            if all(re.search(pattern, head, re.MULTILINE) for pattern in patterns):
-                return path
+            for patterns in kinds:
+                if all(re.search(pattern, head, re.MULTILINE) for pattern in patterns):
+                    return path
     return None
 
 
-def _patterns(name: str) -> tuple[bytes, ...]:
-    return next((found for end, found in _CALIBRATIONS.items() if name.endswith(end)), ())
+def _kinds(name: str) -> list[tuple[bytes, ...]]:
+    """What each kind of calibration with such a name holds."""
+    return [patterns for end, patterns in _CALIBRATIONS if name.endswith(end)]
 
 
 def folders_in(folder: Path) -> list[Path]:

@@ -16,7 +16,8 @@ from gaussray.io.safe.files import file_of_same_name
 
 # Suffixes that are tried, in this order, where `file_path` has none.
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg")
-KNOWN_SUFFIXES = {*PICTURE_SUFFIXES, ".exr", ".tif", ".tiff", ".bmp", ".webp"}
+_OTHERS = (".exr", ".tif", ".tiff", ".bmp", ".webp", ".pgm", ".ppm", ".pnm")
+KNOWN_SUFFIXES = {*PICTURE_SUFFIXES, *_OTHERS}
 # Folders between that of the JSON file and a picture's path, at most.
 _PLACES = ("", "*/", "*/*/")
 # Absent pictures that are looked for elsewhere, for a message.

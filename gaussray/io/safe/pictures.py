@@ -5,9 +5,11 @@ from typing import Any
 
 from gaussray.io.safe.files import opened
 from gaussray.io.safe.limits import limits, within
+from gaussray.io.safe.netpbm import check_netpbm
 from gaussray.io.safe.openimageio import oiio
 
 
+_PGM, _PPM = "binary PGM", "binary PPM"
 # First bytes of each format that is read, its name and its file extensions. OpenImageIO supports
 # twenty more, some of which accept any bytes.
 SIGNATURES = {
@@ -20,6 +22,8 @@ SIGNATURES = {
     b"v/1\x01": ("OpenEXR", (".exr",)),
     b"BM": ("BMP", (".bmp",)),
     b"RIFF": ("WebP", (".webp",)),
+    b"P5": (_PGM, (".pgm", ".pnm")),
+    b"P6": (_PPM, (".ppm", ".pnm")),
 }
 
 
@@ -75,6 +79,8 @@ def _check_format(path: Path) -> None:
             f"{cannot}: it is a {name} file, so its name must end in {' or '.join(suffixes)}. "
             "Rename it."
         )
+    if name in (_PGM, _PPM):
+        check_netpbm(path)
 
 
 def complaint(source: Any) -> str:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gaussray.prepare.calibrations.known_camera import Calibration, KnownCamera
+from gaussray.prepare.calibrations.pair_names import check_pair, named_pair, names_in_order
 from gaussray.prepare.calibrations.same_poses import pairs_of_one_pose
 from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.findings.finding import Finding
@@ -30,7 +31,9 @@ def assign_cameras(
 
     A camera belongs to a source if it is the only one of the same name; else of the same letters
     and digits, whatever their case; else of the same last number (`cam01`, `1`); else if its name
-    is a part of the source's (`back`, `session_back`).
+    is a part of the source's (`back`, `session_back`). Of two sources that are given the cameras of
+    a stereo calibration, which has no names, the names say which is the first: left and right, 0
+    and 1, or 1 and 2.
 
     Args:
         calibration: its cameras. One of pictures of another size is used as it is if the sizes
@@ -47,6 +50,8 @@ def assign_cameras(
             sources have one camera, or cameras of one pose, unless these are single photographs; or
             none is left.
     """
+    check_pair(calibration, [source.name for source in sources])
+    calibration = _pair_of(calibration, sources)
     listed = [camera.name for camera in calibration.cameras]
     names = [*listed, *calibration.left_out]
     given: dict[str, str] = {}
@@ -81,6 +86,17 @@ def assign_cameras(
     return result, findings + _check_poses(result, sources)
 
 
+def _pair_of(calibration: Calibration, sources: Sequence[Source]) -> Calibration:
+    """A calibration, the cameras of a stereo calibration called as the sources, with a line."""
+    order = names_in_order([source.name for source in sources])
+    if calibration.is_pair and order is not None:
+        say(
+            f"poses.calibration: {order[0]} is its first (left) camera, and {order[1]} its second "
+            "(right) one."
+        )
+    return named_pair(calibration, order or ())
+
+
 def _unnamed_remedy(sources: Sequence[Source]) -> str:
     if len(sources) == 1 and not sources[0].is_video:
         return (
@@ -101,6 +117,7 @@ def stills_by_camera(calibration: Calibration, sources: Sequence[Source]) -> lis
     if len(sources) != 1 or sources[0].count < 2 or sources[0].is_video:
         return list(sources)
     (folder,) = sources
+    calibration = named_pair(calibration, [path.stem for path in folder.pictures])
     names = [*(camera.name for camera in calibration.cameras), *calibration.left_out]
     for name_of in (str, camera_in_name):
         stems = [name_of(path.stem) for path in folder.pictures]

@@ -14,7 +14,6 @@ from gaussray.prepare.calibrations.known_camera import (
     KnownCamera,
     check_name,
     opencv_camera,
-    refuse_storage,
 )
 from gaussray.prepare.errors import PrepareError
 
@@ -36,7 +35,6 @@ def read_kalibr(path: Path) -> list[KnownCamera]:
         PrepareError: The file is no chain of Kalibr, or a camera's model is not supported.
     """
     text = read_text(path).decode("utf-8-sig", "replace")
-    refuse_storage(path, text)
     try:
         check_aliases(path, text)
         content = yaml.safe_load(text)

@@ -16,14 +16,16 @@ from gaussray.prepare.lens_models import LensKeyValues
 CALIBRATION_KINDS = (
     "Qualisys .qca.txt or .xml, Pose2Sim, Anipose or Caliscope .toml, intri.yml beside extri.yml "
     "(EasyMocap) or Intrinsic.yml beside Extrinsic.yml (Pose2Sim), Kalibr .yaml, nerfstudio's "
-    "transforms.json, Panoptic's calibration.json, Metashape .xml, or .json with K, R and t "
-    "(OpenCV's, world to camera) of each camera under its name"
+    "transforms.json, Panoptic's calibration.json, Metashape .xml, .json with K, R and t "
+    "(OpenCV's, world to camera) of each camera under its name, a stereo calibration of OpenCV "
+    "(intrinsics.yml beside extrinsics.yml with M1 D1 M2 D2 R T, or .npz of cv2.stereoCalibrate), "
+    "or camera0_intrinsics.dat beside camera0_rot_trans.dat (also c0.dat, rot_trans_c0.dat)"
 )
 # How to give a calibration of another kind.
 TOML_RECIPE = (
     "Write its cameras to a .toml with a table for each, [cam_0], that has matrix, distortions, "
     "size, rotation and translation (OpenCV's rotation vector and translation, world to camera; "
-    "five distortion coefficients k1 k2 p1 p2 k3)"
+    "four, five or eight distortion coefficients k1 k2 p1 p2 k3 k4 k5 k6)"
 )
 # OpenCV's distortion coefficients in their order.
 OPENCV_ORDER = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
@@ -57,10 +59,13 @@ class Calibration:
     Args:
         cameras: those that have a lens and a pose.
         left_out: for each other camera, by name, what the file lacks or says of it.
+        is_pair: the file is of two cameras, the left or first one and the other, without names of
+            videos.
     """
 
     cameras: list[KnownCamera]
     left_out: dict[str, str] = dataclasses.field(default_factory=dict)
+    is_pair: bool = False
 
 
 def opencv_camera(
@@ -166,20 +171,3 @@ def check_name(where: Path, name: object) -> str:
             f"{where}: a camera must have a name of 1 to 200 letters, got {text[:80]!r}. Rename it."
         )
     return text
-
-
-def refuse_storage(where: Path, text: str) -> None:
-    """Refuse what cv::FileStorage has written, whose keys are of each author's own choosing.
-
-    Args:
-        where: the file that the message names.
-        text: content of the file.
-
-    Raises:
-        PrepareError: `text` is of cv::FileStorage.
-    """
-    if "<opencv_storage" in text or "!!opencv-matrix" in text:
-        raise PrepareError(
-            f"{where}: must not be a file of OpenCV's FileStorage, in which each program chooses "
-            f"other keys. {TOML_RECIPE}, or as EasyMocap's pair intri.yml and extri.yml."
-        )

@@ -1,6 +1,7 @@
 """Pairs of OpenCV's YAML files, as EasyMocap, ZJU-MoCap and Pose2Sim's converter have them."""
 
 import dataclasses
+import re
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,8 @@ def _matrix(loader: _Loader, node: Any) -> np.ndarray:
     return np.array(values["data"], np.float64).reshape([int(size) for size in sizes])
 
 
+# FileStorage's spelling of no number is not YAML's.
+_Loader.add_implicit_resolver("tag:yaml.org,2002:float", re.compile(r"\.Nan$"), ["."])
 for _tag in ("opencv-matrix", "opencv-nd-matrix"):
     _Loader.add_constructor(f"tag:yaml.org,2002:{_tag}", _matrix)
 
@@ -83,8 +86,12 @@ def read_easymocap(intrinsics: Path, extrinsics: Path) -> list[KnownCamera]:
     return [_camera(name, *files) for name in checked]
 
 
-def read_opencv_yaml(path: Path) -> dict[str, Any]:
+def read_opencv_yaml(path: Path, remedy: str = _REMEDY) -> dict[str, Any]:
     """The values of a YAML file that cv::FileStorage has written; matrices are arrays.
+
+    Args:
+        path: the file.
+        remedy: what to write instead, for messages.
 
     Raises:
         PrepareError: the file is no YAML with keys.
@@ -100,9 +107,9 @@ def read_opencv_yaml(path: Path) -> dict[str, Any]:
         content = yaml.load(body, Loader=_Loader)
     except (yaml.YAMLError, KeyError, TypeError, ValueError) as error:
         reason = " ".join(str(error).split())[:200]
-        raise PrepareError(f"{path}: must be YAML of OpenCV, got {reason}. {_REMEDY}") from None
+        raise PrepareError(f"{path}: must be YAML of OpenCV, got {reason}. {remedy}") from None
     if not isinstance(content, dict):
-        raise PrepareError(f"{path}: must be YAML of OpenCV with keys, got none. {_REMEDY}")
+        raise PrepareError(f"{path}: must be YAML of OpenCV with keys, got none. {remedy}")
     return content
 
 

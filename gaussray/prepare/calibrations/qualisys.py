@@ -10,7 +10,6 @@ from gaussray.prepare.calibrations.known_camera import (
     KnownCamera,
     check_name,
     opencv_camera,
-    refuse_storage,
 )
 from gaussray.prepare.errors import PrepareError
 
@@ -30,7 +29,6 @@ def read_qualisys(path: Path) -> list[KnownCamera]:
         PrepareError: The file is no XML of cameras, or a camera lacks a number.
     """
     text = read_text(path)
-    refuse_storage(path, text.decode("utf-8", "replace"))
     try:
         root = parse_xml(path, text)
     except ValueError as error:

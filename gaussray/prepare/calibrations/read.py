@@ -6,6 +6,7 @@ from pathlib import Path
 
 from gaussray.capture.formats.metashape import is_metashape
 from gaussray.capture.formats.transforms import json_content, json_if_readable
+from gaussray.prepare.calibrations.camera_dat import camera_dats, read_camera_dats
 from gaussray.prepare.calibrations.kalibr import read_kalibr
 from gaussray.prepare.calibrations.known_camera import (
     CALIBRATION_KINDS,
@@ -13,16 +14,24 @@ from gaussray.prepare.calibrations.known_camera import (
     Calibration,
     KnownCamera,
 )
+from gaussray.prepare.calibrations.matlab import refuse_matlab
 from gaussray.prepare.calibrations.nerfstudio import read_metashape_cameras, read_nerfstudio
 from gaussray.prepare.calibrations.opencv_json import (
     is_opencv_camera,
     opencv_cameras,
     read_opencv_camera,
 )
+from gaussray.prepare.calibrations.opencv_storage import (
+    is_stereo_storage,
+    is_storage,
+    read_stereo_storage,
+    stereo_storages,
+)
 from gaussray.prepare.calibrations.opencv_yaml import easymocap_pair, read_easymocap
 from gaussray.prepare.calibrations.panoptic import is_panoptic, panoptic_cameras
 from gaussray.prepare.calibrations.pose2sim import read_toml
 from gaussray.prepare.calibrations.qualisys import read_qualisys
+from gaussray.prepare.calibrations.stereo_npz import is_stereo_npz, read_stereo_npz
 from gaussray.prepare.errors import PrepareError
 from gaussray.runtime.progress import say
 
@@ -30,6 +39,9 @@ from gaussray.runtime.progress import say
 # Bytes of one of OpenCV's XML files in which its matrices are sought, and a camera's matrix there.
 _HEAD = 1 << 16
 _SQUARE = re.compile(rb"<rows>\s*3\s*</rows>\s*<cols>\s*3\s*</cols>")
+
+# Suffixes of files that a folder may hold for other reasons: not every one is a calibration.
+_NAMED_ALONE = (".npz", ".dat", ".mat")
 
 
 def read_calibration(path: Path | str) -> Calibration:
@@ -44,31 +56,55 @@ def read_calibration(path: Path | str) -> Calibration:
         raise FileNotFoundError(
             f"poses.calibration={path}: no such file or folder. Check the path."
         )
-    pair = easymocap_pair(path)
     if path.is_dir():
-        inside = [p for p in sorted(path.iterdir()) if p.is_file() and _reader(p) is not None]
-        # Pose2Sim writes its pair beside the TOML file, which also knows sizes and fisheyes.
-        if pair is not None and not any(p.suffix.lower() == ".toml" for p in inside):
-            return Calibration(read_easymocap(*pair))
-        if files := [p for p in inside if _is_one_camera(p)]:
-            return _of_single_cameras(path, files, [p for p in inside if p not in files])
-        # Caliscope keeps other files beside its own, and OpenCV's samples their chessboard.
-        inside = [p for p in inside if not _is_storage(p)] or _likely_storage(path)
-        inside = [p for p in inside if p.name == "camera_array.toml"] or inside
-        if len(inside) != 1:
-            names = ", ".join(p.name for p in inside[:9]) or "none"
-            raise PrepareError(
-                f"poses.calibration={path}: the folder must hold one calibration, got {names}. "
-                f"Name the file: {CALIBRATION_KINDS}. {TOML_RECIPE}."
-            )
-        path = inside[0]
-    elif pair is not None:
+        return _of_folder(path)
+    pair = easymocap_pair(path) if not is_stereo_storage(path) else None
+    if pair is not None and not is_stereo_storage(*pair):
         return Calibration(read_easymocap(*pair))
     reader = _reader(path)
     if reader is None:
         raise PrepareError(f"poses.calibration={path}: must be {CALIBRATION_KINDS}. {TOML_RECIPE}.")
     cameras = reader(path)
     return cameras if isinstance(cameras, Calibration) else Calibration(cameras)
+
+
+def _of_folder(folder: Path) -> Calibration:
+    """The cameras of the one calibration in a folder."""
+    files = [p for p in sorted(folder.iterdir()) if p.is_file()]
+    stereo = stereo_storages(folder)
+    pair = easymocap_pair(folder) if not stereo else None
+    # Pose2Sim writes its pair beside the TOML file, which also knows sizes and fisheyes.
+    if pair is not None and not any(p.suffix.lower() == ".toml" for p in files):
+        return Calibration(read_easymocap(*pair))
+    inside = [p for p in files if p.suffix.lower() not in _NAMED_ALONE and _reader(p) is not None]
+    if single := [p for p in inside if _is_one_camera(p)]:
+        return _of_single_cameras(folder, single, [p for p in inside if p not in single])
+    # Caliscope keeps other files beside its own, and OpenCV's samples their chessboard.
+    found = [p for p in inside if not is_storage(p)] + stereo + camera_dats(folder)
+    found = sorted([*found, *(p for p in files if is_stereo_npz(p)), *(pair or ())])
+    found = found or _likely(folder, inside, files)
+    found = [p for p in found if p.name == "camera_array.toml"] or found
+    if len(found) != 1:
+        names = ", ".join(p.name for p in found[:9]) or "none"
+        raise PrepareError(
+            f"poses.calibration={folder}: the folder must hold one calibration, got {names}. "
+            f"Name the file: {CALIBRATION_KINDS}. {TOML_RECIPE}."
+        )
+    return read_calibration(found[0])
+
+
+def _likely(folder: Path, inside: list[Path], files: list[Path]) -> list[Path]:
+    """What stands for a calibration in the message that refuses it, if a folder holds none that is
+    read.
+
+    Args:
+        folder: the folder.
+        inside: its files that a reader may read.
+        files: all its files.
+    """
+    others = [p for p in files if p.suffix.lower() in (".npz", ".mat")]
+    yaml = [p for p in inside if p.suffix.lower() != ".xml"]
+    return yaml or _likely_storage(folder) or others
 
 
 def _of_single_cameras(folder: Path, files: list[Path], others: list[Path]) -> Calibration:
@@ -131,19 +167,11 @@ def _is_one_camera(path: Path) -> bool:
     return path.suffix.lower() == ".json" and is_opencv_camera(json_if_readable(path))
 
 
-def _is_storage(path: Path) -> bool:
-    """Whether an XML file is one of OpenCV's, which say nothing of several cameras."""
-    if path.suffix.lower() != ".xml":
-        return False
-    with path.open("rb") as file:
-        return b"<opencv_storage" in file.read(1000)
-
-
 def _likely_storage(folder: Path) -> list[Path]:
     """That of OpenCV's XML files in a folder and its subfolders which is most likely of a camera;
     empty if there are none. It stands for the others in the message that refuses them."""
     found = [*sorted(folder.glob("*.xml")), *sorted(folder.glob("*/*.xml"))]
-    best = max(filter(_is_storage, found), key=_matrix_counts, default=None)
+    best = max(filter(is_storage, found), key=_matrix_counts, default=None)
     return [] if best is None else [best]
 
 
@@ -156,10 +184,13 @@ def _matrix_counts(path: Path) -> tuple[int, int]:
 
 def _reader(path: Path) -> Callable[[Path], list[KnownCamera] | Calibration] | None:
     name = path.name.lower()
+    if is_storage(path):
+        return read_stereo_storage
     if name.endswith(".xml") and is_metashape(path):
         return read_metashape_cameras
     if name.endswith((".qca.txt", ".xml", ".qca")):
         return read_qualisys
     suffixes = {".toml": read_toml, ".yaml": read_kalibr, ".yml": read_kalibr}
-    suffixes[".json"] = _read_json
+    suffixes |= {".json": _read_json, ".npz": read_stereo_npz, ".dat": read_camera_dats}
+    suffixes[".mat"] = refuse_matlab
     return suffixes.get(path.suffix.lower())

@@ -20,6 +20,7 @@ TOML = "[cam_0]\nmatrix = [[1.0]]\nrotation = [0.0, 0.0, 0.0]\n"
 QUALISYS = '<cameras><camera serial="1"><transform x="1"/><intrinsic x="1"/></camera></cameras>'
 KALIBR = "cam0:\n  camera_model: pinhole\n"
 PANOPTIC = json.dumps({"cameras": [{"name": "a", "K": [], "R": []}]})
+STEREO = "%YAML:1.0\nR: !!opencv-matrix\n   rows: 3\nT: !!opencv-matrix\n"
 RUN = json.dumps({"command": "gaussray prepare videos=a out=b"})
 
 
@@ -54,6 +55,10 @@ RUN = json.dumps({"command": "gaussray prepare videos=a out=b"})
             [("chain.yaml", KALIBR), ("in/a.mp4", "")],
             "videos={}/in poses.calibration={}/chain.yaml",
         ),
+        ([("extrinsics.yml", STEREO), ("a.mp4", "")], "poses.calibration={}/extrinsics.yml out"),
+        ([("s.xml", "<opencv_storage><R a=''><T a=''>")], "poses.calibration={}/s.xml out"),
+        ([("s.npz", "PK R.npy PK T.npy"), ("a.mp4", "")], "poses.calibration={}/s.npz out"),
+        ([("c0.dat", "R:\n1 0 0\nT:\n0\n"), ("a.mp4", "")], "poses.calibration={}/c0.dat out"),
         ([("c.json", PANOPTIC), ("a.mp4", "")], "videos={} poses.calibration={}/c.json out"),
         ([("Intrinsic.yml", ""), ("Extrinsic.yml", "")], "poses.calibration={} out=OUT"),
         ([("board.toml", "[board]\nsquare = 2\n"), ("a.mp4", "")], "videos={} out=OUT` finds"),

@@ -1,0 +1,52 @@
+"""NumPy's .npz files with the results of cv2.stereoCalibrate."""
+
+import zipfile
+from pathlib import Path
+
+from gaussray.io.safe.arrays import Damaged, read_npz
+from gaussray.prepare.calibrations.known_camera import Calibration
+from gaussray.prepare.calibrations.stereo_pair import (
+    has_stereo_lenses,
+    has_stereo_pose,
+    stereo_cameras,
+)
+from gaussray.prepare.errors import PrepareError
+from gaussray.runtime.progress import say
+
+
+_REMEDY = (
+    "Save it again with numpy.savez(FILE, K1=K1, D1=D1, K2=K2, D2=D2, R=R, T=T), where each is an "
+    "array of numbers."
+)
+
+
+def is_stereo_npz(path: Path) -> bool:
+    """Whether a file is an .npz archive whose names are those of a stereo calibration."""
+    if path.suffix.lower() != ".npz":
+        return False
+    try:
+        with zipfile.ZipFile(path) as archive:
+            keys = [name.removesuffix(".npy") for name in archive.namelist()]
+    except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError):
+        return False
+    return has_stereo_lenses(keys) and has_stereo_pose(keys)
+
+
+def read_stereo_npz(path: Path) -> Calibration:
+    """The two cameras of a file; those of a file with `fisheye` in its name and four distortion
+    coefficients are fisheyes.
+
+    Raises:
+        PrepareError: The file is damaged or holds Python objects, or is no stereo calibration.
+    """
+    try:
+        values = read_npz(path)
+    except Damaged as error:
+        raise PrepareError(
+            f"{error}. It must be an .npz file of plain numbers (no Python objects). {_REMEDY}"
+        ) from None
+    fisheye = "fisheye" in path.stem.lower()
+    calibration = stereo_cameras(path, values, fisheye=fisheye)
+    if any(camera.lens["camera_model"] == "OPENCV_FISHEYE" for camera in calibration.cameras):
+        say(f"{path}: four distortion coefficients are taken as OpenCV's fisheye model.")
+    return calibration
