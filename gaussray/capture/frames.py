@@ -20,6 +20,7 @@ from gaussray.capture.picture_file import (
     stored_size,
 )
 from gaussray.capture.stored_part import Window, averaged
+from gaussray.capture.videos import frame_of
 from gaussray.color import srgb_decode, srgb_encode
 
 
@@ -152,7 +153,8 @@ def visible_pixels(view: View) -> Bool[np.ndarray, "h w"]:
     visible = np.ones((height, width), bool)
     if view.mask is not None:
         visible &= read_mask(view.mask, width, height, view.window)
-    if view.background == "mask":
+    # Frames of videos have no alpha.
+    if view.background == "mask" and frame_of(view.image) is None:
         size = stored_size(view)
         alpha = read_with_alpha(view.image, *size, "mask").alpha
         opaque = alpha_mask(alpha, size[::-1])[..., None].astype(np.float32)

@@ -91,12 +91,17 @@ def read_levels(path: Path | str, width: int, height: int) -> np.ndarray:
         height: rows that the file must have.
 
     Raises:
-        CaptureError: the size is another.
+        CaptureError: the size is another, or the file stores no levels.
         OSError: the file is absent, truncated or no picture.
     """
     stored = read_stored(path, width, height)
     if stored.dtype == np.uint8:
         return stored
+    if not np.issubdtype(stored.dtype, np.integer):
+        raise CaptureError(
+            f"{path}: the picture must hold levels of 8 or 16 bits, got floating-point numbers. "
+            "Save it with 8 or 16 bits a channel."
+        )
     return (stored / np.iinfo(stored.dtype).max * 255 + 0.5).astype(np.uint8)
 
 

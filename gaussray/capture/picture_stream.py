@@ -20,12 +20,12 @@ from gaussray.capture.picture_file import (
     stored_size,
 )
 from gaussray.capture.videos import deferred_frames, frame_of
-from gaussray.runtime.devices import cores
+from gaussray.runtime.side_by_side import threads_within
 
 
-# Pictures that are decoded or averaged at the same time: as many as there are processors, at least
-# and at most so many; more than the least as long as they have so many pixels together.
-_FEWEST, _MOST, _PIXELS_AT_ONCE = 4, 16, 1e8
+# Pictures that are decoded or averaged at the same time, at least and at most, and the bytes that
+# one of them takes for each of its pixels.
+_FEWEST, _MOST, _BYTES = 4, 16, 20
 
 
 def stream_encoded(
@@ -82,7 +82,7 @@ _Reading = Callable[[int, Callable[[], StoredPicture]], tuple[Any, bool]]
 
 
 def _streamed(views: Sequence[PictureFile], read: _Reading) -> Iterator[tuple[int, Any]]:
-    transparent, threads = 0, _threads(views[0])
+    transparent, threads = 0, decoding_threads(int(np.prod(stored_size(views[0]))))
     with ThreadPoolExecutor(threads) as pool:
         try:
             for index, (picture, alpha) in _in_order(_jobs(views, read, pool), 2 * threads):
@@ -100,32 +100,31 @@ def _streamed(views: Sequence[PictureFile], read: _Reading) -> Iterator[tuple[in
         )
 
 
-def _threads(view: PictureFile) -> int:
-    """How many pictures of this size are decoded at the same time."""
-    width, height = stored_size(view)
-    most = min(cores(), _MOST, int(_PIXELS_AT_ONCE / (width * height)))
-    return max(most, _FEWEST)
+def decoding_threads(pixels: int) -> int:
+    """How many pictures of so many pixels are decoded at the same time."""
+    return int(np.clip(threads_within(_BYTES * pixels), _FEWEST, _MOST))
 
 
 def _jobs(
     views: Sequence[PictureFile], read: _Reading, pool: ThreadPoolExecutor
 ) -> Iterator[tuple[int, Future]]:
     """Index and future picture of every view, the frames of each video together and in order."""
-    videos: dict[Path, list[tuple[int, int]]] = {}
+    videos: dict[Path, dict[int, list[int]]] = {}
     for index, view in enumerate(views):
         frame = frame_of(view.image)
         if frame is None:
             yield index, pool.submit(read, index, functools.partial(stored_picture, view))
         else:
-            videos.setdefault(frame[0], []).append((frame[1], index))
+            videos.setdefault(frame[0], {}).setdefault(frame[1], []).append(index)
     for path, frames in videos.items():
-        frames.sort()
-        pictures = deferred_frames(path, [number for number, _ in frames])
-        for (_, index), converted in zip(frames, pictures, strict=True):
-            yield (
-                index,
-                pool.submit(read, index, functools.partial(_shown, views[index], converted)),
-            )
+        numbers = sorted(frames)
+        for number, converted in zip(numbers, deferred_frames(path, numbers), strict=True):
+            if len(frames[number]) > 1:
+                # A decoded frame is converted by one thread alone.
+                converted = functools.partial(np.asarray, converted())
+            for index in frames[number]:
+                stored = functools.partial(_shown, views[index], converted)
+                yield index, pool.submit(read, index, stored)
 
 
 def _shown(view: PictureFile, converted: Callable[[], np.ndarray]) -> StoredPicture:

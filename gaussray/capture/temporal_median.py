@@ -18,7 +18,7 @@ AVERAGED = 5
 # as Gaussians do not show well what stands still, most pixels differ.
 OUTLYING = 6.0
 # Pixels of which medians are found at once: of as many, some tens of pictures fit into caches.
-_PIECE = 1 << 14
+MEDIAN_PIXELS = 1 << 14
 
 
 def temporal_median(
@@ -60,8 +60,8 @@ def _median_level(
     count, levels = len(pictures), pictures.reshape(len(pictures), -1, 3)
     seen = None if visible is None else visible.reshape(count, -1)
     result = np.empty(levels.shape[1:], np.float32)
-    for first in range(0, len(result), _PIECE):
-        piece = slice(first, first + _PIECE)
+    for first in range(0, len(result), MEDIAN_PIXELS):
+        piece = slice(first, first + MEDIAN_PIXELS)
         some = _whole_piece(levels[:, piece])
         counted = None if seen is None else _whole_piece(seen[:, piece])
         median = np.asarray(_median_of(some, counted))
@@ -71,7 +71,7 @@ def _median_level(
 
 def _whole_piece(values: np.ndarray) -> Array:
     """Values of each frame, filled up to a piece."""
-    lack = _PIECE - values.shape[1]
+    lack = MEDIAN_PIXELS - values.shape[1]
     if lack:
         values = np.pad(values, ((0, 0), (0, lack), *((0, 0),) * (values.ndim - 2)))
     return jnp.asarray(values)

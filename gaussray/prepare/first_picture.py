@@ -8,7 +8,7 @@ from jaxtyping import UInt8
 from gaussray.prepare.panels.find import PanelSigns, panel_signs
 
 
-# A block of so many pixels, squared, shows something if its levels differ by as many as this.
+# A block of so many pixels, squared, shows something if levels of one colour differ by this.
 _BLOCK, _LEVELS = 16, 8
 
 
@@ -32,6 +32,7 @@ def first_picture(picture: UInt8[np.ndarray, "h w 3"]) -> FirstPicture:
 def detailed_blocks(picture: UInt8[np.ndarray, "h w 3"]) -> int:
     """The number of blocks of 16 x 16 pixels of a picture that are not plain."""
     height, width = (size - size % _BLOCK for size in picture.shape[:2])
-    shape = height // _BLOCK, _BLOCK, width // _BLOCK, _BLOCK
-    blocks = picture[:height, :width, 1].reshape(shape)
-    return int((blocks.max(axis=(1, 3)) - blocks.min(axis=(1, 3)) >= _LEVELS).sum())
+    shape = height // _BLOCK, _BLOCK, width // _BLOCK, _BLOCK, 3
+    blocks = picture[:height, :width].reshape(shape)
+    spans = blocks.max(axis=(1, 3)) - blocks.min(axis=(1, 3))
+    return int((spans.max(axis=-1) >= _LEVELS).sum())

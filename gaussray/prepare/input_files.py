@@ -10,6 +10,7 @@ from gaussray.capture.side_folders import are_other_maps, holds_other_maps
 from gaussray.capture.videos import VIDEO_SUFFIXES
 from gaussray.io.natural_order import natural_order
 from gaussray.prepare.photographs import PHOTOGRAPH_SUFFIXES
+from gaussray.runtime.output import first_of
 
 
 MEDIA_SUFFIXES = (*VIDEO_SUFFIXES, *PHOTOGRAPH_SUFFIXES)
@@ -83,8 +84,7 @@ def photographs_in(folder: Path) -> list[Path]:
 
 
 def _listed(paths: list[Path]) -> str:
-    names = ", ".join(path.name for path in paths[:_NAMED])
-    return names + (" ..." if len(paths) > _NAMED else "")
+    return first_of([path.name for path in paths], _NAMED)
 
 
 def _warn(text: str) -> None:

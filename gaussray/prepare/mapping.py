@@ -33,6 +33,7 @@ from gaussray.prepare.options import PosesOptions
 from gaussray.prepare.sparse_model import SparseModel, sparse_model_of
 from gaussray.runtime.output import counted
 from gaussray.runtime.progress import Progress, say
+from gaussray.runtime.side_by_side import GivenUp
 
 
 # Choices of poses.model that are tried without distortion if they fail.
@@ -163,8 +164,9 @@ class _Attempts:
         ended = threading.Event()
 
         def tell() -> None:
-            while not ended.wait(_BEAT):
-                self._report()
+            with contextlib.suppress(GivenUp):
+                while not ended.wait(_BEAT):
+                    self._report()
 
         watch = threading.Thread(target=contextvars.copy_context().run, args=(tell,), daemon=True)
         watch.start()

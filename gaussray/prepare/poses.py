@@ -21,6 +21,7 @@ from gaussray.prepare.options import PrepareOptions
 from gaussray.prepare.sources import Source
 from gaussray.prepare.sparse_model import SparseModel
 from gaussray.prepare.timeline import Timeline, moving_stride, thinned_timeline
+from gaussray.runtime.output import first_of
 from gaussray.runtime.progress import say
 
 
@@ -29,8 +30,6 @@ from gaussray.runtime.progress import say
 _KNOWN_ERROR = 8.0
 # Database of COLMAP with the features of all pictures, beside their folders.
 _FEATURES = "features.db"
-# Cameras that a message names.
-_NAMED = 3
 # A camera stands still if so large a share of its picture stays where it is (`staying_share`), and
 # moves if at most so small a share does; fewer features that timestamps share tell nothing.
 _STILL, _MOVING, _TELLING = 0.5, 0.2, 30
@@ -122,19 +121,15 @@ def _tell_rig(still: Sequence[str], moving: Sequence[str]) -> None:
         say("By their pictures, all cameras move (poses.rig=still: they do not).")
     else:
         say(
-            f"By their pictures, cameras stand still ({_some(still)}) or move ({_some(moving)}). "
-            "If only what they show moves, set poses.rig=still."
+            f"By their pictures, cameras stand still ({first_of(still)}) or move "
+            f"({first_of(moving)}). If only what they show moves, set poses.rig=still."
         )
-
-
-def _some(names: Sequence[str]) -> str:
-    return ", ".join(names[:_NAMED]) + (" ..." if len(names) > _NAMED else "")
 
 
 def _tell_stride(timeline: Timeline, moving: Sequence[str], stride: int) -> None:
     total, several = len(timeline.times), len(moving) > 1
     say(
-        f"{_some(moving)}: the camera{'s' if several else ''} move{'' if several else 's'}, and "
+        f"{first_of(moving)}: the camera{'s' if several else ''} move{'' if several else 's'}, and "
         f"every picture needs a pose of its own: {-(-total // stride)} of {total} timestamps are "
         f"used. frames.rate={timeline.rate:.6g} takes them all."
     )

@@ -25,7 +25,7 @@ from gaussray.prepare.input_files import (
 from gaussray.prepare.names_of_cameras import pictures_by_camera
 from gaussray.prepare.panels.find import warn_of_panels
 from gaussray.prepare.photographs import PHOTOGRAPH_SUFFIXES, photograph_size
-from gaussray.runtime.output import counted
+from gaussray.runtime.output import counted, first_of
 from gaussray.runtime.progress import say
 
 
@@ -196,17 +196,13 @@ def _warn(text: str) -> None:
     warnings.warn(text, CaptureWarning, stacklevel=4)
 
 
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(names[:_NAMED]) + (" ..." if len(names) > _NAMED else "")
-
-
 def _without_fewer(folder: Path, beside: list[Path], inside: list[Path]) -> list[Path]:
     """The subfolders, or none with a warning if they hold fewer pictures than lie beside them."""
     held = [path for path in inside if files_in(path, MEDIA_SUFFIXES)]
     count = sum(len(files_in(path, PHOTOGRAPH_SUFFIXES)) for path in held)
     if not held or len(beside) <= count or any(files_in(path, VIDEO_SUFFIXES) for path in held):
         return inside
-    folders = _listed([path.name for path in held])
+    folders = first_of([path.name for path in held])
     _warn(
         f"videos={folder}: the {len(beside)} pictures in this folder are used, and not the {count} "
         f"in its folder{'s' * (len(held) != 1)} {folders}. If those are meant, name their folder; "
@@ -219,7 +215,7 @@ def _warn_of_unused(folder: Path, beside: list[Path], names: list[str]) -> None:
     one = len(beside) == 1
     _warn(
         f"videos={folder}: {counted(len(beside), 'picture')} beside "
-        f"{counted(len(names), 'camera')} ({_listed(names)}) {'is' if one else 'are'} not used. "
+        f"{counted(len(names), 'camera')} ({first_of(names)}) {'is' if one else 'are'} not used. "
         f"If {'it is' if one else 'they are'} meant, move {'it' if one else 'them'} into a folder "
         "of their own."
     )
@@ -294,7 +290,7 @@ def _photographs(folder: Path, pictures: list[Path]) -> list[Source]:
     if named is None:
         return _camera(folder.name, folder, pictures, one_size=False)
     names = list(named.cameras)
-    cameras = f"the pictures are of {len(names)} cameras ({_listed(names)})"
+    cameras = f"the pictures are of {len(names)} cameras ({first_of(names)})"
     if not named.together:
         _warn(
             f"videos={folder}: by their names {cameras}, but they are taken as photographs of a "

@@ -1,6 +1,7 @@
 """Text on stdout and stderr, whose reader may have gone."""
 
 import os
+from collections.abc import Sequence
 from typing import Any
 
 
@@ -20,6 +21,16 @@ def emit(text: str, stream: Any) -> None:
     except BrokenPipeError:
         with open(os.devnull, "w") as nowhere:
             os.dup2(nowhere.fileno(), stream.fileno())
+
+
+def first_of(names: Sequence[str], most: int = 3) -> str:
+    """The first of some names, with dots if there are more: `a, b, c ...`.
+
+    Args:
+        names: all of them.
+        most: how many are told.
+    """
+    return ", ".join(names[:most]) + " ..." * (len(names) > most)
 
 
 def counted(count: int, noun: str) -> str:

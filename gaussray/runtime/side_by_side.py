@@ -14,6 +14,9 @@ from gaussray.runtime.devices import cores
 T = TypeVar("T")
 U = TypeVar("U")
 
+# Bytes that threads which work on large arrays take together.
+_MEMORY = 2e9
+
 # Set once nobody wants the result of this thread's work any more.
 _given_up: ContextVar[threading.Event | None] = ContextVar("given_up", default=None)
 
@@ -65,6 +68,15 @@ def run_side_by_side(works: Sequence[Callable[[], T]]) -> list[T]:
     if causes:
         raise causes[0]
     return [future.result() for future in futures]
+
+
+def threads_within(size: float) -> int:
+    """As many threads as there are processors, but no more than take 2 GB together; one at least.
+
+    Args:
+        size: bytes that one of them takes.
+    """
+    return max(1, min(cores(), int(_MEMORY / max(size, 1))))
 
 
 def mapped_in_threads(

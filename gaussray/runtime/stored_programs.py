@@ -7,6 +7,7 @@ which takes longer than to run it. Here the name of a file follows from what a p
 import contextlib
 import functools
 import pickle
+import threading
 import time
 from collections.abc import Callable, Hashable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -62,6 +63,7 @@ class KeptProgram:
         self._jitted: Any = jax.jit(function, compiler_options=compiler)
         self._key = full_text((getattr(function, "__qualname__", ""), key, compiler))
         self._known: dict[Hashable, Callable[..., Any]] = {}
+        self._locks: dict[Hashable, threading.Lock] = {}
         self._begun: dict[Hashable, tuple[Future[Callable[..., Any]], Any]] = {}
 
     def __call__(self, *arguments: Any) -> Any:
@@ -71,8 +73,15 @@ class KeptProgram:
         if any(isinstance(leaf, Tracer) for leaf in leaves):
             return self._jitted(*arguments)
         signature = structure, tuple(map(_kind, leaves))
-        program = self._known.get(signature)
-        return program(*leaves) if program else self._first(leaves, signature)
+        if signature not in self._known:
+            path = self._file(signature)
+            if path is None:
+                return self._jitted(*arguments)
+            # Of several threads one compiles.
+            with self._locks.setdefault(signature, threading.Lock()):
+                if signature not in self._known:
+                    return self._first(leaves, signature, path)
+        return self._known[signature](*leaves)
 
     def expect(self, *arguments: Any) -> Any:
         """Begin to read or to compile the program for such arguments: the first call waits for it.
@@ -98,11 +107,8 @@ class KeptProgram:
         self._known.clear()
         self._begun.clear()
 
-    def _first(self, leaves: list[Any], signature: tuple[Any, ...]) -> Any:
+    def _first(self, leaves: list[Any], signature: tuple[Any, ...], path: Path) -> Any:
         """The results of the first call: of a program from disk, or compiled and written there."""
-        path = self._file(signature)
-        if path is None:
-            return self._jitted(*jax.tree.unflatten(signature[0], leaves))
         with contextlib.suppress(Exception):
             # A file that is damaged or cannot be run here is no error: the program is compiled.
             program = None

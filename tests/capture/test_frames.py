@@ -2,15 +2,19 @@
 
 import tracemalloc
 
+import films
 import numpy as np
 import OpenImageIO as oiio
 import pytest
+import toy
 from picture_files import Picture, random_codes, write
 
-from gaussray.capture import picture_file
+from gaussray.capture import frames, picture_file
+from gaussray.capture.capture import View
 from gaussray.capture.errors import CaptureError, CaptureWarning
-from gaussray.capture.frames import read_encoded, read_image, read_mask
+from gaussray.capture.frames import read_encoded, read_image, read_mask, visible_pixels
 from gaussray.capture.picture_file import check_images, read_levels, read_with_alpha
+from gaussray.capture.videos import frame_path
 from gaussray.color import srgb_decode, srgb_encode
 
 
@@ -179,6 +183,15 @@ def test_a_mask_of_a_few_pixels_tells_nothing(tmp_path):
         read_mask(path, 32, 24)
 
 
+def test_frames_of_videos_have_no_alpha_to_be_read(tmp_path, monkeypatch):
+    films.film(tmp_path / "v.mp4", films.shades(2))
+    image, of = frame_path(tmp_path / "v.mp4", 1), toy.camera()
+    view = View(of, image, None, None, "a", "train", 0.0, "pinhole", None, "srgb", "mask")
+    # A video would be decoded again, from its start.
+    monkeypatch.setattr(frames, "read_with_alpha", None)
+    assert visible_pixels(view).all() and visible_pixels(view).shape == (view.height, view.width)
+
+
 def test_checking_names_every_wrong_picture_at_once(tmp_path):
     path = write(tmp_path / "0.png", random_codes())
     good = Picture(path, 32, 24)
@@ -213,3 +226,9 @@ def test_reading_a_picture_takes_few_bytes_a_pixel(tmp_path):
     tracemalloc.stop()
     # Three bytes of colour and four of alpha, and less than 36 MB for a block of rows.
     assert peak / codes[..., 0].size < 7 + 36e6 / 4e6
+
+
+def test_floating_point_numbers_are_no_levels(tmp_path):
+    path = write(tmp_path / "a.exr", np.full((24, 32, 3), 0.5, np.float32))
+    with pytest.raises(CaptureError, match="a.exr: the picture must hold levels .* Save it with 8"):
+        read_levels(path, 32, 24)

@@ -8,8 +8,10 @@ import pytest
 from picture_files import Picture, random_codes, write
 
 from gaussray.capture.errors import CaptureError
-from gaussray.capture.picture_stream import stream_encoded
+from gaussray.capture.picture_stream import decoding_threads, stream_encoded
+from gaussray.capture.videos import frame_path
 from gaussray.color import srgb_encode
+from gaussray.runtime import side_by_side
 
 
 # Seconds after which a thread that waits for another has waited in vain.
@@ -64,3 +66,17 @@ def test_each_picture_is_arranged_with_its_index_in_a_thread_of_several(tmp_path
     assert dtype == np.uint8
     expected = [(k, (k, picture.sum(dtype=int))) for k, picture in enumerate(stack)]
     assert list(pictures) == expected
+
+
+def test_views_may_share_a_frame_of_a_video(tmp_path):
+    films.film(tmp_path / "v.mp4", films.shades(3, 320, 240))
+    listed = [2, 0, 2, 2, 1, 2, 0, 2]
+    views = [Picture(frame_path(tmp_path / "v.mp4", k), 320, 240) for k in listed]
+    loaded = films.load(views)
+    assert [films.index_of(picture) for picture in loaded] == listed
+
+
+@pytest.mark.parametrize(("side", "threads"), [(1000, 16), (5000, 4), (9000, 4)])
+def test_few_large_pictures_are_decoded_at_the_same_time(monkeypatch, side, threads):
+    monkeypatch.setattr(side_by_side, "cores", lambda: 32)
+    assert decoding_threads(side * side) == threads

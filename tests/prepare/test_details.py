@@ -48,3 +48,12 @@ def test_one_camera_that_shows_something_is_enough(tmp_path, painted):
     # A dark scene, as a night recording.
     write_video(tmp_path / "b.mp4", [scene // 6] * 12)
     check_details(find_sources(tmp_path))
+
+
+@pytest.mark.parametrize("channel", range(3))
+def test_texture_of_any_colour_is_texture(tmp_path, channel):
+    levels = np.zeros((120, 160, 3), np.uint8)
+    levels[..., channel] = np.random.default_rng(0).integers(0, 256, (120, 160))
+    write_image(tmp_path / "0.png", levels)
+    write_image(tmp_path / "1.png", levels)
+    check_details(find_sources(tmp_path))

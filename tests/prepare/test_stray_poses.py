@@ -103,7 +103,10 @@ def test_a_capture_is_written_without_the_strays(tmp_path, monkeypatch):
     found = placed(ring((734924.4, 141099.1, 748746.1)))
     monkeypatch.setattr(pipeline, "find_poses", lambda *_: found)
     for k in range(6):
-        write_image(tmp_path / "photos" / f"IMG_{k}.png", np.random.default_rng(k).integers(0, 256, (48, 64, 3), np.uint8))
+        write_image(
+            tmp_path / "photos" / f"IMG_{k}.png",
+            np.random.default_rng(k).integers(0, 256, (48, 64, 3), np.uint8),
+        )
     facts = pipeline.prepare_capture(tmp_path / "photos", tmp_path / "out")
     frames = json.loads((tmp_path / "out" / "transforms.json").read_text())["frames"]
     assert [frame["file_path"][-5:] for frame in frames] == [f"{k}.png" for k in range(5)]

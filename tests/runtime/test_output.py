@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from gaussray.runtime.output import emit
+from gaussray.runtime.output import emit, first_of
 
 
 # Says that it works, waits until nobody reads any more, goes on, and leaves a file.
@@ -49,3 +49,9 @@ def test_text_is_there_at_once(capsys):
     emit("one\n", sys.stdout)
     emit("two\n", sys.stderr)
     assert capsys.readouterr() == ("one\n", "two\n")
+
+
+def test_of_many_names_the_first_are_told():
+    assert first_of(["a"]) == "a" and first_of([]) == ""
+    assert first_of(["a", "b", "c"]) == "a, b, c"
+    assert first_of(["a", "b", "c", "d"]) == "a, b, c ..." and first_of("ab", most=1) == "a ..."

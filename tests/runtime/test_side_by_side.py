@@ -6,8 +6,14 @@ from contextvars import ContextVar
 
 import pytest
 
+from gaussray.runtime import side_by_side
 from gaussray.runtime.progress import Progress
-from gaussray.runtime.side_by_side import demand_wanted, mapped_in_threads, run_side_by_side
+from gaussray.runtime.side_by_side import (
+    demand_wanted,
+    mapped_in_threads,
+    run_side_by_side,
+    threads_within,
+)
 
 
 # Seconds after which a thread that waits for another has waited in vain.
@@ -92,3 +98,8 @@ def test_after_an_error_no_further_item_is_begun():
     with pytest.raises(ValueError, match="of the second"):
         list(results)
     assert len(begun) < 4
+
+
+def test_threads_share_a_memory(monkeypatch):
+    monkeypatch.setattr(side_by_side, "cores", lambda: 16)
+    assert [threads_within(size) for size in (0, 1e6, 4e8, 9e9)] == [16, 16, 5, 1]

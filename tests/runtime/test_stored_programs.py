@@ -4,6 +4,8 @@ import os
 import pickle
 import subprocess
 import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import equinox as eqx
 import jax
@@ -53,6 +55,19 @@ def test_a_kept_program_is_not_traced_again(folder):
     for total, (double,) in seen:
         np.testing.assert_array_equal(total.value, [2, 3, 6])
         assert total.rest is None and total.power == 2 and float(double) == 4
+
+
+def test_of_several_threads_one_compiles(folder):
+    x, pair, traced = jnp.arange(3.0), {"y": np.float32(2)}, []
+    program, begin = powers(2, traced), threading.Barrier(4, timeout=20.0)
+
+    def call(_):
+        begin.wait()
+        return float(program(x, pair)[0].value[2])
+
+    with ThreadPoolExecutor(4) as threads:
+        assert list(threads.map(call, range(4))) == [6.0] * 4
+    assert traced == [2]
 
 
 def test_a_kept_function_is_traced_once_for_everything_that_is_no_array(folder):

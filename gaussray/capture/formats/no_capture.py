@@ -141,7 +141,8 @@ def _calibration_of_other_tool(folder: Path) -> str:
     return (
         f"`gaussray prepare videos={media_folder(folder) or 'VIDEOS'} "
         f"poses.calibration={calibration} out=OUT` makes one with the calibration in it. The "
-        "folder of the videos must hold a folder or a video of each camera, by the camera's name."
+        "folder of the videos must hold a folder or a video of each camera, by the camera's name "
+        "(left and right of a stereo calibration)."
     )
 
 

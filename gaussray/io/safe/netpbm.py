@@ -9,7 +9,8 @@ from gaussray.io.safe.limits import within
 
 
 # Whitespace and comments may lie between the numbers, and one space or line end before the pixels.
-_HEADER = re.compile(rb"P([56])" + rb"(?:[ \t\r\n\v\f]+|#[^\r\n]*[\r\n])+(\d{1,9})" * 3 + rb"\s")
+# Nothing is repeated within what is repeated: the time would double with each further space.
+_HEADER = re.compile(rb"P([56])" + rb"(?:[ \t\r\n\v\f]|#[^\r\n]*[\r\n])+(\d{1,9})" * 3 + rb"\s")
 # Longest header, with its comments.
 _LONGEST = 4096
 # Bytes that may follow the pixels: a line end, a trailer of the program that wrote it.
@@ -43,6 +44,6 @@ def check_netpbm(path: Path) -> None:
         )
     if size > header.end() + stored + _TRAILER:
         raise OSError(
-            f"{path}: must hold one picture of {stored} bytes, got "
+            f"{path}: the picture must be alone in its file, {stored} bytes of pixels, got "
             f"{size - header.end()}. Write each picture into a file of its own."
         )

@@ -97,7 +97,7 @@ def read_stereo_storage(path: Path) -> Calibration:
                 f"{', '.join(values)[:200]}. Copy it there, or write all into one file."
             )
         values, where = {**_values(other), **values}, f"{path} with {other.name}"
-    return stereo_cameras(where, values)
+    return stereo_cameras(where, values, name=path.name)
 
 
 def _other_name(name: str) -> str | None:

@@ -31,6 +31,8 @@ def _matrix(loader: _Loader, node: Any) -> np.ndarray:
     return np.array(values["data"], np.float64).reshape([int(size) for size in sizes])
 
 
+# What values of a wrong kind, size or depth raise.
+_UNUSABLE = (KeyError, TypeError, ValueError, OverflowError, RecursionError)
 # FileStorage's spelling of no number is not YAML's.
 _Loader.add_implicit_resolver("tag:yaml.org,2002:float", re.compile(r"\.Nan$"), ["."])
 for _tag in ("opencv-matrix", "opencv-nd-matrix"):
@@ -105,7 +107,7 @@ def read_opencv_yaml(path: Path, remedy: str = _REMEDY) -> dict[str, Any]:
     try:
         check_aliases(path, body)
         content = yaml.load(body, Loader=_Loader)
-    except (yaml.YAMLError, KeyError, TypeError, ValueError) as error:
+    except (yaml.YAMLError, *_UNUSABLE) as error:
         reason = " ".join(str(error).split())[:200]
         raise PrepareError(f"{path}: must be YAML of OpenCV, got {reason}. {remedy}") from None
     if not isinstance(content, dict):

@@ -11,6 +11,9 @@ from gaussray.prepare.errors import PrepareError
 # What the names of the first and of the second camera have in them. Numbers are their last ones.
 _WORDS = (("left", "right"), ("l", "r"), ("a", "b"))
 _NUMBERS = (("0", "1"), ("1", "2"))
+# A side before or behind a noun that it is written together with.
+_NOUN = "(?:cam|camera|img|image|imgs|images|video|view|eye|frame|frames|side)"
+_SIDE_OF = re.compile(f"{_NOUN}*(left|right){_NOUN}*")
 _RULE = "left and right, cam0 and cam1, or cam1 and cam2"
 
 
@@ -78,10 +81,10 @@ def check_pair(calibration: Calibration, names: Sequence[str]) -> None:
 
 
 def _words(name: str) -> set[str]:
-    """The words of a name in small letters (`imgL`: img, l), and the sides that are in others
-    (`leftcam`)."""
-    words = {word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+", name)}
-    return words | {side for side in ("left", "right") if side in name.lower()}
+    """The words of a name in small letters (`imgL`: img, l), and a side that is written together
+    with what it is of (`leftcam`)."""
+    words = {word.lower() for word in re.findall(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+", name)}
+    return words | {match[1] for word in words if (match := _SIDE_OF.fullmatch(word))}
 
 
 def _last_number(name: str) -> set[str]:

@@ -11,7 +11,6 @@ from gaussray.prepare.calibrations.stereo_pair import (
     stereo_cameras,
 )
 from gaussray.prepare.errors import PrepareError
-from gaussray.runtime.progress import say
 
 
 _REMEDY = (
@@ -45,8 +44,4 @@ def read_stereo_npz(path: Path) -> Calibration:
         raise PrepareError(
             f"{error}. It must be an .npz file of plain numbers (no Python objects). {_REMEDY}"
         ) from None
-    fisheye = "fisheye" in path.stem.lower()
-    calibration = stereo_cameras(path, values, fisheye=fisheye)
-    if any(camera.lens["camera_model"] == "OPENCV_FISHEYE" for camera in calibration.cameras):
-        say(f"{path}: four distortion coefficients are taken as OpenCV's fisheye model.")
-    return calibration
+    return stereo_cameras(path, values, name=path.name)

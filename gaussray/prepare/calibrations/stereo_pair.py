@@ -19,6 +19,7 @@ from gaussray.prepare.calibrations.opencv_numbers import (
     finite_numbers,
 )
 from gaussray.prepare.errors import PrepareError
+from gaussray.runtime.progress import say
 
 
 # What the two cameras of a pair are called.
@@ -79,16 +80,14 @@ def has_stereo_lenses(keys: Iterable[str]) -> bool:
     )
 
 
-def stereo_cameras(
-    where: object, values: Mapping[str, Any], *, fisheye: bool = False
-) -> Calibration:
+def stereo_cameras(where: object, values: Mapping[str, Any], *, name: str = "") -> Calibration:
     """The two cameras of a stereo calibration, called left (the first) and right.
 
     Args:
         where: the file or files that messages name.
         values: what the file holds by key; what is not of the calibration is ignored.
-        fisheye: four distortion coefficients are k1 to k4 of OpenCV's fisheye model, instead of
-            k1, k2, p1, p2.
+        name: the file's name. With `fisheye` in it, four distortion coefficients are k1 to k4 of
+            OpenCV's fisheye model, instead of k1, k2, p1, p2.
 
     Raises:
         PrepareError: A value is missing, has other numbers or is under two keys with different
@@ -110,6 +109,15 @@ def stereo_cameras(
     except ValueError as error:
         raise PrepareError(f"{where}: {turn.key} {error}. {_REMEDY}") from None
     poses = (np.eye(3, 4), np.column_stack([rotation, shift.numbers]))
+    fisheye = "fisheye" in name.lower() and any(len(d.numbers) == 4 for d in distortions)
+    if fisheye:
+        if any(len(d.numbers) != 4 for d in distortions):
+            raise PrepareError(
+                f"{where}: {distortions[0].key} and {distortions[1].key} must be four numbers each "
+                "of OpenCV's fisheye model, which the file's name says, or none of them. Rename "
+                "the file if the lenses are no fisheyes."
+            )
+        say(f"{where}: four distortion coefficients are taken as OpenCV's fisheye model.")
     size = _size(values)
     cameras = [
         opencv_camera(
@@ -119,7 +127,7 @@ def stereo_cameras(
             distortion.numbers,
             pose,
             size,
-            fisheye=fisheye and len(distortion.numbers) == 4,
+            fisheye=fisheye,
         )
         for name, matrix, distortion, pose in zip(
             PAIR_NAMES, matrices, distortions, poses, strict=True

@@ -6,10 +6,7 @@ from contextlib import contextmanager
 from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.panels.find import find_panels
 from gaussray.prepare.sources import Source
-
-
-# Videos that a message names.
-_NAMED = 3
+from gaussray.runtime.output import first_of
 
 
 @contextmanager
@@ -27,8 +24,7 @@ def panels_in_errors(sources: Sequence[Source]) -> Iterator[None]:
         held = [source.path.name for source, one in found if one is not None]
         if not held:
             raise
-        names = ", ".join(held[:_NAMED]) + (" ..." if len(held) > _NAMED else "")
         raise PrepareError(
-            f"{error} The reason may be that {names} seem{'s' * (len(held) == 1)} to hold several "
-            "views or maps in each picture: cut them as the warning at the beginning says."
+            f"{error} The reason may be that {first_of(held)} seem{'s' * (len(held) == 1)} to hold "
+            "several views or maps in each picture: cut them as the warning at the beginning says."
         ) from error

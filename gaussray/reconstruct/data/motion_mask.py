@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float, Int, UInt16
 
 from gaussray.camera.camera import Camera, project
 from gaussray.capture.spread import spread_indices
-from gaussray.capture.temporal_median import differs, temporal_median
+from gaussray.capture.temporal_median import MEDIAN_PIXELS, differs, temporal_median
 from gaussray.reconstruct.data.pictures import Footage
 from gaussray.reconstruct.data.tiles import join, tile_of
 from gaussray.runtime.side_by_side import mapped_in_threads
@@ -47,24 +47,28 @@ def activity(footage: Footage) -> Activity:
     kind = np.float16 if pixel.dtype == np.uint8 else np.float32
     background = np.empty((len(names), *pixel.shape[1:]), kind)
     moved = np.empty(pixel.shape[:2], np.uint16)
+    step = max(1, MEDIAN_PIXELS // pixel.shape[2])
+    at_once = max(1, PIECE // (step * pixel[0, 0].nbytes))
     pieces = []
     for row, name in enumerate(names):
         frames = np.flatnonzero(footage.viewpoints == name)
-        step = max(1, PIECE // (len(frames) * pixel[0, 0].nbytes))
         for first in range(0, pixel.shape[1], step):
             pieces.append((row, frames, slice(first, first + step)))
 
+    def colors(frames, tiles):
+        # Other threads go on while tiles are copied; not while NumPy looks up numbers.
+        return np.stack([pixel[frame, tiles] for frame in frames])
+
     def find(piece):
         row, frames, tiles = piece
-        # Other threads go on while pieces are copied; not while NumPy looks up numbers.
-        colors = np.stack([pixel[frame, tiles] for frame in frames])
-        visible = footage.visible(frames, tiles)
-        sample = spread_indices(len(frames), _SAMPLE)
-        median = temporal_median(colors[sample], None if visible is None else visible[sample])
+        sample = frames[spread_indices(len(frames), _SAMPLE)]
+        median = temporal_median(colors(sample, tiles), footage.visible(sample, tiles))
         background[row, tiles] = median
-        changed = differs(colors, median, footage.scale)
-        counted = changed if visible is None else changed & visible
-        moved[frames, tiles] = np.sum(counted, axis=-1)
+        for some in (frames[i : i + at_once] for i in range(0, len(frames), at_once)):
+            changed = differs(colors(some, tiles), median, footage.scale)
+            visible = footage.visible(some, tiles)
+            counted = changed if visible is None else changed & visible
+            moved[some, tiles] = np.sum(counted, axis=-1)
 
     deque(mapped_in_threads(find, pieces), maxlen=0)
     return Activity(background, moved)
@@ -123,10 +127,11 @@ def point_activity(
     own = [frames for frames in own if len(frames) > 1]
     firsts = [frames[np.argmin(times[frames])] for frames in own]
     # Before the threads, each of which would compile it.
-    places = [projected(footage.camera, jnp.asarray(i), jnp.asarray(position)) for i in firsts]
+    places = [
+        np.asarray(projected(footage.camera, jnp.asarray(i), jnp.asarray(position))) for i in firsts
+    ]
 
     def share_in(frames, first, pixel) -> Float[np.ndarray, " points"]:
-        pixel = np.asarray(pixel)
         with np.errstate(invalid="ignore"):
             inside = np.all((pixel >= 0) & (pixel < (film.width, film.height)), axis=1)
         column, row = pixel[inside].astype(int).T

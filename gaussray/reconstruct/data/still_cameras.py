@@ -10,7 +10,7 @@ from scipy.ndimage import uniform_filter
 from gaussray.capture.spread import spread_indices
 from gaussray.capture.temporal_median import differs, temporal_median
 from gaussray.reconstruct.data.pictures import Footage
-from gaussray.runtime.side_by_side import mapped_in_threads
+from gaussray.runtime.side_by_side import mapped_in_threads, threads_within
 
 
 # Frames of one camera of which the temporal median is taken, at least and at most.
@@ -84,7 +84,10 @@ def find_medians(footage: Footage, cameras: Sequence[Int[np.ndarray, " frames"]]
         footage: the training pictures.
         cameras: the frames of each camera.
     """
-    deque(mapped_in_threads(lambda own: median_picture(footage, own), cameras), maxlen=0)
+    most = max(map(len, cameras), default=0)
+    threads = threads_within(min(most, _MOST) * footage.pixel[0].nbytes)
+    found = mapped_in_threads(lambda own: median_picture(footage, own), cameras, threads)
+    deque(found, maxlen=0)
 
 
 def median_picture(

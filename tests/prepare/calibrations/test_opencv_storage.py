@@ -176,3 +176,22 @@ def test_of_files_of_opencv_one_with_a_camera_is_named_and_the_conventions(tmp_p
     assert named().endswith("cam1/intrinsics.xml")
     put("cam1/config.xml", (3, 3), (1, 5), (3, 1), (3, 1))
     assert named().endswith("cam1/config.xml")
+
+
+def test_four_coefficients_of_a_file_called_fisheye_are_of_that_model(tmp_path, capsys):
+    lenses = INNER | {"D1": np.array([[0.1, 0.2, 0.3, 0.4]]), "D2": np.zeros((1, 4))}
+    path = tmp_path / "fisheye_stereo.yml"
+    path.write_text(as_yaml(lenses | OUTER))
+    first, second = read_calibration(path).cameras
+    assert {x.lens["camera_model"] for x in (first, second)} == {"OPENCV_FISHEYE"}
+    assert first.lens["k4"] == 0.4 and "OpenCV's fisheye model" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("rows", [".inf", "9" * 400, "[" * 3000])
+def test_rows_of_no_count_are_told_and_no_calibration_beside_fails(tmp_path, rows):
+    path = tmp_path / "board.yml"
+    path.write_text(f"{HEAD}R: !!opencv-matrix\n   rows: {rows}\n   cols: 3\n   data: [ 1. ]\n")
+    with pytest.raises(PrepareError, match=r"board.yml: must be YAML of OpenCV"):
+        read_calibration(path)
+    (tmp_path / "intrinsics.yml").write_text(as_yaml(INNER | OUTER))
+    check(read_calibration(tmp_path))

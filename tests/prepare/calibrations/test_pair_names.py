@@ -29,6 +29,8 @@ def source(name):
         ("Left", "RIGHT"),
         ("leftcam", "rightcam"),
         ("imgL", "imgR"),
+        ("LCam", "RCam"),
+        ("bright_left", "bright_right"),
         ("cam_l", "cam_r"),
         ("camA", "camB"),
         ("cam0", "cam1"),
@@ -51,6 +53,7 @@ def test_names_that_say_it(first, second):
     [
         ("video_down", "video_upper"),
         ("front", "left"),
+        ("bright", "left"),
         ("cam3", "cam7"),
         ("cam1", "cam1b"),
         ("side", "side_2"),

@@ -45,6 +45,9 @@ def test_four_coefficients_are_of_a_fisheye_if_the_file_says_so(tmp_path, capsys
     assert "taken as OpenCV's fisheye model" in capsys.readouterr().out
     first, _ = read_stereo_npz(write(tmp_path / "stereo.npz", **four)).cameras
     assert first.lens["camera_model"] == "OPENCV" and first.lens["p1"] == 0.3
+    mixed = write(tmp_path / "mixed_fisheye.npz", **four | {"distR": np.zeros(5)})
+    with pytest.raises(PrepareError, match="distL and distR must be four numbers each"):
+        read_stereo_npz(mixed)
     assert capsys.readouterr().out == ""
 
 
@@ -53,6 +56,7 @@ def test_four_coefficients_are_of_a_fisheye_if_the_file_says_so(tmp_path, capsys
     [
         ({"R": None}, "a.npz: must hold the rotation R"),
         ({"T": np.zeros((3, 2))}, "a.npz: T must be 3 finite numbers, got 6"),
+        ({"distR": np.zeros(5, complex)}, "a.npz: distR must be 4 or 5 or 8 or 12 or 14 finite"),
         ({"mtxR": np.full((3, 3), "x")}, "a.npz: mtxR must be 9 finite numbers"),
         ({"R": np.array([{}], object)}, "'R.npy': no array of NumPy: numbers of the kind object"),
     ],

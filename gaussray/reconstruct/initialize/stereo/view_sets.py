@@ -19,11 +19,14 @@ from gaussray.reconstruct.data.still_cameras import (
 )
 from gaussray.reconstruct.initialize.stereo.matching import reduction
 from gaussray.reconstruct.initialize.stereo.views import StereoViews, stereo_views
-from gaussray.runtime.side_by_side import mapped_in_threads
+from gaussray.runtime.side_by_side import mapped_in_threads, threads_within
 
 
 # Pixels that a picture in which points are looked at is reduced to, at most.
 _SMALL = 33_000
+
+# Bytes that looking for what moves takes for each pixel of a picture.
+_BYTES = 20
 
 # Which pixels of a frame move; None where that is not known.
 MovingPixels = Callable[[int], Bool[np.ndarray, "h w"] | None]
@@ -95,7 +98,8 @@ def moving_views(
             match the others with, and none of their pixels moves.
     """
     chosen = np.flatnonzero(footage.times == footage.times.dtype.type(time))
-    found = list(mapped_in_threads(lambda frame: moved(int(frame)), chosen))
+    threads = threads_within(_BYTES * footage.film.width * footage.film.height)
+    found = list(mapped_in_threads(lambda frame: moved(int(frame)), chosen, threads))
     shows = sum(mask is not None and mask.any() for mask in found)
     if not shows or shows + sum(mask is None for mask in found) < 2:
         return None
@@ -105,7 +109,7 @@ def moving_views(
     def widened(mask: Bool[np.ndarray, "h w"] | None) -> Bool[np.ndarray, "h w"]:
         return everywhere if mask is None else binary_dilation(mask, np.ones((3, 3)), 3)
 
-    wide = np.stack(list(mapped_in_threads(widened, found)))
+    wide = np.stack(list(mapped_in_threads(widened, found, threads)))
     cameras = jax.tree.map(lambda x: x[chosen], footage.camera)
     return StereoViewSet(footage.pictures(chosen), wide, cameras, chosen), masks
 
