@@ -57,6 +57,11 @@ def _median_level(
     pictures: UInt8[np.ndarray, "frames ... 3"], visible: Bool[np.ndarray, "frames ..."] | None
 ) -> Float[np.ndarray, "... 3"]:
     """`temporal_median` of 8-bit levels, piece by piece: all have one size, for one program."""
+    if len(pictures) == 1:
+        alone = pictures[0].astype(np.float32)
+        if visible is not None:
+            alone[~visible[0]] = np.nan
+        return alone
     count, levels = len(pictures), pictures.reshape(len(pictures), -1, 3)
     seen = None if visible is None else visible.reshape(count, -1)
     result = np.empty(levels.shape[1:], np.float32)

@@ -1,8 +1,6 @@
 """Pictures written and read again, and pictures of pictures."""
 
-import dataclasses
 import os
-import pathlib
 import time
 import types
 
@@ -10,6 +8,7 @@ import films
 import numpy as np
 import OpenImageIO as oiio
 import pytest
+from picture_files import Picture
 
 from gaussray.capture.frames import read_encoded, read_image, read_mask
 from gaussray.color import srgb_decode
@@ -21,17 +20,6 @@ from gaussray.dataset.images import (
     write_image,
 )
 from gaussray.dataset.layers import write_layers
-
-
-@dataclasses.dataclass
-class Picture:
-    image: pathlib.Path
-    width: int
-    height: int
-    color_space: str = "srgb"
-    background: str = "none"
-    window: None = None
-    margin: tuple[int, int, int, int] = (0, 0, 0, 0)
 
 
 ALL_CODES = np.arange(256, dtype=np.uint8).reshape(16, 16, 1).repeat(3, axis=-1)

@@ -329,6 +329,23 @@ def refused(folder, match, **options):
     assert not (out / "transforms.json").exists()
 
 
+@pytest.mark.parametrize(("instants", "times"), [(5, 1), (2, 2)])
+def test_features_of_few_timestamps_are_found_once(tmp_path, painted, monkeypatch, instants, times):
+    for name, begin in (("a", -12), ("b", 2)):
+        write_pictures(tmp_path / "in" / name, arc(4, begin, begin + 10), painted)
+    extracted, extract = [], features.extract_features
+
+    def counted(database, *arguments):
+        extracted.append(database)
+        extract(database, *arguments)
+
+    monkeypatch.setattr(features, "extract_features", counted)
+    options = PrepareOptions(sync=TOGETHER, frames=FramesOptions(instants=instants))
+    facts = prepare_capture(tmp_path / "in", tmp_path / "out", options=options)
+    assert not facts["cameras"]["a"]["still"] and facts["cameras"]["b"]["registered"] == 4
+    assert len(extracted) == times
+
+
 def test_black_videos_are_refused(tmp_path):
     (tmp_path / "in").mkdir()
     for name in "ab":

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from gaussray.prepare.calibrations.opencv_numbers import ORTHONORMAL
 from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.lens_models import LensKeyValues
 
@@ -29,7 +30,6 @@ TOML_RECIPE = (
 )
 # OpenCV's distortion coefficients in their order.
 OPENCV_ORDER = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
-_ORTHONORMAL = 1e-3
 # The last row of a camera matrix may differ from (0, 0, 1) by this, where text has few digits.
 _LAST_ROW = 1e-3
 # Most columns and rows of a picture.
@@ -97,7 +97,7 @@ def opencv_camera(
     values = np.concatenate([matrix.ravel(), distortion.ravel(), pose.ravel()])
     turn = pose[:, :3]
     wrong = not np.isfinite(values).all() or min(matrix[0, 0], matrix[1, 1]) <= 0
-    if wrong or np.abs(turn @ turn.T - np.eye(3)).max() > _ORTHONORMAL or np.linalg.det(turn) < 0:
+    if wrong or np.abs(turn @ turn.T - np.eye(3)).max() > ORTHONORMAL or np.linalg.det(turn) < 0:
         raise PrepareError(
             f"{where}: camera {name} must have positive focal lengths and a rotation, got matrix "
             f"{matrix.tolist()} and rotation {turn.tolist()}. Calibrate it again."

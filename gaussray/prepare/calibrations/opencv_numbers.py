@@ -10,7 +10,7 @@ from jaxtyping import Float
 # OpenCV's numbers of distortion coefficients.
 DISTORTION_COUNTS = (4, 5, 8, 12, 14)
 # A rotation times its transpose may differ from the identity by this, where text has few digits.
-_ORTHONORMAL = 1e-3
+ORTHONORMAL = 1e-3
 
 
 def finite_numbers(value: Any, counts: Sequence[int]) -> Float[np.ndarray, " n"]:
@@ -46,7 +46,7 @@ def checked_rotation(values: Float[np.ndarray, " 9"]) -> Float[np.ndarray, "3 3"
             the key.
     """
     matrix = values.reshape(3, 3)
-    if np.abs(matrix @ matrix.T - np.eye(3)).max() > _ORTHONORMAL:
+    if np.abs(matrix @ matrix.T - np.eye(3)).max() > ORTHONORMAL:
         raise ValueError(
             f"must be a rotation (rows of length 1, at right angles), got {matrix.tolist()}"
         )

@@ -80,17 +80,18 @@ def _of_folder(folder: Path) -> Calibration:
     if single := [p for p in inside if _is_one_camera(p)]:
         return _of_single_cameras(folder, single, [p for p in inside if p not in single])
     # Caliscope keeps other files beside its own, and OpenCV's samples their chessboard.
-    found = [p for p in inside if not is_storage(p)] + stereo + camera_dats(folder)
-    found = sorted([*found, *(p for p in files if is_stereo_npz(p)), *(pair or ())])
+    own = [p for p in inside if not is_storage(p)] + [p for p in files if is_stereo_npz(p)]
+    found = sorted([*own, *stereo, *camera_dats(folder), *(pair or ())])
+    # Of files that are refused the message of a single one tells most.
     found = found or _likely(folder, inside, files)
-    found = [p for p in found if p.name == "camera_array.toml"] or found
-    if len(found) != 1:
-        names = ", ".join(p.name for p in found[:9]) or "none"
+    likely = [p for p in found if p.name == "camera_array.toml"] or found
+    if len(likely) != 1:
+        names = ", ".join(p.name for p in likely[:9]) or "none"
         raise PrepareError(
             f"poses.calibration={folder}: the folder must hold one calibration, got {names}. "
             f"Name the file: {CALIBRATION_KINDS}. {TOML_RECIPE}."
         )
-    return read_calibration(found[0])
+    return read_calibration(likely[0])
 
 
 def _likely(folder: Path, inside: list[Path], files: list[Path]) -> list[Path]:

@@ -1,6 +1,5 @@
 """Motion masks of training pictures: tiles that get more rays, points of what moves."""
 
-from collections import deque
 from typing import NamedTuple
 
 import equinox as eqx
@@ -70,7 +69,7 @@ def activity(footage: Footage) -> Activity:
             counted = changed if visible is None else changed & visible
             moved[some, tiles] = np.sum(counted, axis=-1)
 
-    deque(mapped_in_threads(find, pieces), maxlen=0)
+    list(mapped_in_threads(find, pieces))
     return Activity(background, moved)
 
 
@@ -124,14 +123,10 @@ def point_activity(
     """
     film, times = footage.film, footage.times
     own = [np.flatnonzero(footage.viewpoints == name) for name in np.unique(footage.viewpoints)]
-    own = [frames for frames in own if len(frames) > 1]
-    firsts = [frames[np.argmin(times[frames])] for frames in own]
-    # Before the threads, each of which would compile it.
-    places = [
-        np.asarray(projected(footage.camera, jnp.asarray(i), jnp.asarray(position))) for i in firsts
-    ]
 
-    def share_in(frames, first, pixel) -> Float[np.ndarray, " points"]:
+    def share_in(frames: Int[np.ndarray, " frames"]) -> Float[np.ndarray, " points"]:
+        first = frames[np.argmin(times[frames])]
+        pixel = np.asarray(projected(footage.camera, jnp.asarray(first), jnp.asarray(position)))
         with np.errstate(invalid="ignore"):
             inside = np.all((pixel >= 0) & (pixel < (film.width, film.height)), axis=1)
         column, row = pixel[inside].astype(int).T
@@ -147,8 +142,7 @@ def point_activity(
         share[inside] = np.divide(changed, compared, out=unknown, where=compared > 0)
         return share
 
-    seen_by = zip(own, firsts, places, strict=True)
-    shares = list(mapped_in_threads(lambda view: share_in(*view), seen_by))
+    shares = list(mapped_in_threads(share_in, [frames for frames in own if len(frames) > 1]))
     table = np.array(shares).reshape(-1, len(position))
     seen = ~np.all(np.isnan(table), axis=0)
     result = np.zeros(len(position))

@@ -1,6 +1,5 @@
 """Cameras that stand still: their temporal medians, and what moves in their pictures."""
 
-from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
@@ -86,8 +85,7 @@ def find_medians(footage: Footage, cameras: Sequence[Int[np.ndarray, " frames"]]
     """
     most = max(map(len, cameras), default=0)
     threads = threads_within(min(most, _MOST) * footage.pixel[0].nbytes)
-    found = mapped_in_threads(lambda own: median_picture(footage, own), cameras, threads)
-    deque(found, maxlen=0)
+    list(mapped_in_threads(lambda own: median_picture(footage, own), cameras, threads))
 
 
 def median_picture(
