@@ -176,6 +176,7 @@ def _matched(
     )
     # All views of a batch go through as many parts: otherwise every one of them would copy the
     # surfaces of those that are done.
+    most = jnp.max(levels.count)
     parts = -(-jnp.max(jnp.sum(counts, axis=(1, 2), dtype=jnp.int32)) // part)
 
     def one(row):
@@ -184,7 +185,7 @@ def _matched(
         ray = rays(own.lens, own.world_from_camera, own.size, own.factor)
         small = halved(own)
         small_ray = rays(small.lens, small.world_from_camera, small.size, small.factor)
-        swept = sweep_planes(small, small_ray, halved(near), levels, options)
+        swept = sweep_planes(small, small_ray, halved(near), levels, most, options)
         candidates = jax.tree.map(lambda x: _doubled(x, own.size), swept)
         pixels = pixel_list(counts, parts, part)
         return refine(own, ray, near, candidates, levels, pixels, options)

@@ -25,7 +25,8 @@ class StereoOptions(eqx.Module):
     are kept, and `moving` of what moves at a timestamp. Where a view masks a point, it says
     nothing; with `silhouette` above 0 it counts against the point, by so much for each view beyond
     the first. As many views are matched at once as have `at_once` samples (pixels times
-    neighbours): a GPU is not busy with one small picture. Where masks leave less than half of the
+    neighbours), and of these `levels` of the sweep and `places` of a window: a GPU is not busy with
+    one small picture, and waits for its memory after each. Where masks leave less than half of the
     pixels, these and those within two pixels of them are refined alone, in parts of `part` samples.
     """
 
@@ -46,6 +47,8 @@ class StereoOptions(eqx.Module):
     moving: int = eqx.field(static=True, default=25_000)
     silhouette: float = eqx.field(static=True, default=0.0)
     at_once: int = eqx.field(static=True, default=1)
+    levels: int = eqx.field(static=True, default=1)
+    places: int = eqx.field(static=True, default=1)
     part: int = eqx.field(static=True, default=2**13)
     seed: int = eqx.field(static=True, default=0)
 
@@ -60,6 +63,8 @@ class StereoOptions(eqx.Module):
             "points",
             "moving",
             "at_once",
+            "levels",
+            "places",
             "part",
         ):
             if getattr(self, name) < 1:
@@ -80,7 +85,7 @@ def options_for(platform: str, views: int, *, still_pixels: int = 0) -> StereoOp
     """
     if platform != "cpu":
         points = min(max(still_pixels // _PIXELS, StereoOptions().points), _MOST_POINTS)
-        return StereoOptions(points=points, at_once=2**23, part=2**20)
+        return StereoOptions(points=points, at_once=2**23, part=2**20, levels=2, places=4)
     # 50 views of 135 x 240 is what the time was measured with; more views get smaller pictures.
     pixels = int(min(33_000, max(12_000, 33_000 * 50 / max(views, 1))))
     return StereoOptions(

@@ -255,7 +255,7 @@ class _Patch:
         def add(whole, place):
             return jax.tree.map(jnp.add, whole, tap(*place)), None
 
-        whole, _ = jax.lax.scan(add, empty, (self.taps, packed))
+        whole, _ = jax.lax.scan(add, empty, (self.taps, packed), unroll=self.options.places)
         return jax.tree.map(lambda value: value / len(self.taps), whole)
 
     def _color(self, packed):

@@ -12,7 +12,6 @@ from gaussray.reconstruct.initialize.stereo.cost import (
     comparison,
     misses,
     patch_cost,
-    total,
     window,
 )
 from gaussray.reconstruct.initialize.stereo.options import StereoOptions
@@ -52,6 +51,7 @@ def sweep_planes(
     ray: Float[Array, "3 h w"],
     near: StereoViews,
     levels: DepthLevels,
+    most: Int[Array, ""],
     options: StereoOptions,
 ) -> DepthCandidates:
     """Distances at which the windows of a view look most like its neighbours'.
@@ -66,10 +66,13 @@ def sweep_planes(
         ray: unit viewing directions of its pixels in the world; zero where the lens has none.
         near: its neighbours.
         levels: the inverse distances that are tried.
+        most: the largest count of levels of all views that are swept together: their loops end at
+            once, and no view copies what it has found while others go on.
         options: tilts of the planes, size of the windows, the cost's weights, and how many `modes`
             of each pixel are returned.
     """
     reference, _ = unpacked(own.pixel, ray.dtype)
+    means = _windowed(window(reference), options.radius)
     normals, shapes = _families(own, ray, options)
 
     def family(surface):
@@ -77,10 +80,10 @@ def sweep_planes(
 
         def cost_at(level):
             inverse = (levels.first + level * levels.step) * shape
-            cost = _level_cost(own, ray, near, reference, inverse, options)
+            cost = _level_cost(own, ray, near, reference, means, inverse, options)
             return jnp.where(shape > 0, cost, 2)
 
-        level, cost = _minima(cost_at, levels.count, ray[0], options.modes)
+        level, cost = _minima(cost_at, levels.count, most, ray[0], options)
         inverse = (levels.first + level * levels.step) * shape[None]
         return DepthCandidates(inverse, jnp.broadcast_to(normal, (options.modes, *ray.shape)), cost)
 
@@ -89,22 +92,28 @@ def sweep_planes(
     return every if len(normals) == 1 else _best(every, levels.step, options.modes)
 
 
-def _minima(cost_at, count, like, modes):
+def _minima(cost_at, count, most, like, options):
     """Levels [modes, h, w] of the lowest local minima over `count` levels, and their costs, the
     lowest first; 2 where there are fewer minima."""
     # From `like`: with views of a batch in it from the start, the loop is traced once.
     high = 0 * like + 2
-    empty = jnp.stack([0 * like] * modes)
+    empty = jnp.stack([0 * like] * options.modes)
 
-    def body(level, carry):
+    def body(block, carry):
+        block = block * options.levels + jnp.arange(options.levels)
+        costs = jax.vmap(cost_at)(block.astype(like.dtype))
+        for level, cost in zip(block, costs, strict=True):
+            carry = with_level(level, jnp.where(level < count, cost, high), carry)
+        return carry
+
+    def with_level(level, cost, carry):
         before, last, kept, costs = carry
-        cost = jnp.where(level < count, cost_at(level.astype(like.dtype)), high)
         lowest = (last < before) & (last <= cost)
         value = jnp.where(lowest, last, 2)
         place = jnp.full_like(like, 1) * (level - 1)
         # Insertion into the sorted list.
         rows = []
-        for k in range(modes):
+        for k in range(options.modes):
             better = value < costs[k]
             rows.append((jnp.where(better, place, kept[k]), jnp.where(better, value, costs[k])))
             place, value = (
@@ -114,7 +123,8 @@ def _minima(cost_at, count, like, modes):
         return last, cost, kept, costs
 
     start = high, high, empty, empty + 2
-    return jax.lax.fori_loop(0, count + 1, body, start)[2:]
+    # A minimum is known one level later.
+    return jax.lax.fori_loop(0, most // options.levels + 1, body, start)[2:]
 
 
 def _families(own, ray, options):
@@ -132,8 +142,9 @@ def _families(own, ray, options):
     return jnp.stack(normals), jnp.stack(shapes)
 
 
-def _level_cost(own, ray, near, reference, inverse, options):
-    """Cost [h, w] of one surface of the sweep, given by the inverse distances along the rays."""
+def _level_cost(own, ray, near, reference, means, inverse, options):
+    """Cost [h, w] of one surface of the sweep, given by the inverse distances along the rays, of
+    the view's colours and their windows' means."""
     formed = jnp.any(ray != 0, axis=0) & (inverse > 0)
     point = own.origin[:, None, None] + ray / jnp.where(formed, inverse, 1)[None]
 
@@ -142,13 +153,14 @@ def _level_cost(own, ray, near, reference, inverse, options):
     sees = inside & formed[None]
     if not options.silhouette:
         sees = sees & hit
-    means = jax.tree.map(
-        lambda value: windowed(value, options.radius),
-        (window(reference), comparison(tuple(c[None] for c in reference), color)),
-    )
-    seen = jax.tree.map(lambda value: value[None], means[0])
-    cost = best_half(patch_cost(seen, means[1], options), sees)
+    reference, means = jax.tree.map(lambda value: value[None], (reference, means))
+    compared = _windowed(comparison(reference, color), options.radius)
+    cost = best_half(patch_cost(means, compared, options), sees)
     return misses(cost, sees, hit, options.silhouette) if options.silhouette else cost
+
+
+def _windowed(values, radius):
+    return jax.tree.map(lambda value: windowed(value, radius), values)
 
 
 def windowed(value: Float[Array, "... h w"], radius: int) -> Float[Array, "... h w"]:
@@ -158,18 +170,12 @@ def windowed(value: Float[Array, "... h w"], radius: int) -> Float[Array, "... h
         value: a picture, or a stack of them.
         radius: pixels from the middle of the window to its border; 0 is the pixel alone.
     """
-    for axis in (-1, -2):
-        pad = [(0, 0)] * value.ndim
-        pad[axis] = (radius, radius)
-        padded = jnp.pad(value, pad, mode="edge")
-        size = value.shape[axis]
-        parts = [
-            jax.lax.slice_in_dim(padded, k, k + size, axis=axis % value.ndim)
-            for k in range(2 * radius + 1)
-        ]
-        # Else a CPU sums the first axis anew for every window of the second.
-        value = jax.lax.optimization_barrier(total(parts) / (2 * radius + 1))
-    return value
+    side = 2 * radius + 1
+    pad = [(0, 0)] * (value.ndim - 2) + [(radius, radius)] * 2
+    padded = jnp.pad(value, pad, mode="edge")
+    window = (1,) * (value.ndim - 2) + (side, side)
+    total = jax.lax.reduce_window(padded, 0.0, jax.lax.add, window, (1,) * value.ndim, "VALID")
+    return total / side**2
 
 
 def _best(every, step, modes):

@@ -14,7 +14,7 @@ from textured_plane import (
     seen,
 )
 
-from gaussray.reconstruct.initialize.stereo.cost import best_half, misses
+from gaussray.reconstruct.initialize.stereo.cost import best_half, misses, window
 from gaussray.reconstruct.initialize.stereo.pixel_list import pixel_list
 from gaussray.reconstruct.initialize.stereo.refine import _Patch
 from gaussray.reconstruct.initialize.stereo.sweep import _level_cost, windowed
@@ -71,7 +71,13 @@ def test_the_sweep_costs_a_pixel_what_loops_over_its_window_do(views):
     ray, near = ray_map(views, 0), views[np.array([1, 2, 3, 4])]
     own = views[0]
     reference, _ = unpacked(own.pixel, ray.dtype)
-    cost = jax.jit(lambda r: _level_cost(own, r, near, reference, inverse + 0 * r[0], QUICK))(ray)
+    means = jax.tree.map(lambda value: windowed(value, QUICK.radius), window(reference))
+
+    @jax.jit
+    def level_cost(ray):
+        return _level_cost(own, ray, near, reference, means, inverse + 0 * ray[0], QUICK)
+
+    cost = level_cost(ray)
     pictures, taps = pictures_of(views), [(a, b) for a in range(-2, 3) for b in range(-2, 3)]
     costs = []
     for j in range(1, 5):

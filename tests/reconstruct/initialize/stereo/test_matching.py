@@ -113,6 +113,14 @@ def test_several_views_at_once_find_the_same(pinhole_points):
     assert nearly_the_same(pinhole_points.position, points.position)
 
 
+@pytest.mark.ci
+def test_several_levels_and_places_at_once_find_the_same(pinhole_points):
+    cameras = rig(perspective(), PLACES)
+    options = replace(QUICK, levels=3, places=4)
+    together = stereo_points(seen(cameras), cameras, options=options)
+    assert nearly_the_same(pinhole_points.position, together.position)
+
+
 def test_masked_pixels_have_no_points(pinhole_points):
     cameras = rig(perspective(), PLACES)
     masks = np.ones((len(PLACES), 48, 48), bool)
