@@ -34,6 +34,8 @@ _BEHIND, _IN_CELL, _FINEST, _COARSEST = 1.03, 8, 4, 16
 # Rounds of removal. If more than this share of the points had to go, colours do not tell, and all
 # stay.
 _ROUNDS, _MOST = 6, 0.8
+# Halvings of the interval in which a median of colour differences lies.
+_HALVINGS = 20
 # Rows are padded to a multiple: one program does for several clouds.
 _ROWS = 1 << 15
 
@@ -59,72 +61,98 @@ def contradicted(
     """
     count, fixed = len(position), np.zeros((0, 3)) if fixed is None else fixed
     total = count + len(fixed)
-    keep = np.ones(total, bool)
     if not count or len(views.origin) < 2:
-        return ~keep[:count]
+        return np.zeros(count, bool)
     rows = -(-total // _ROWS) * _ROWS
     place, shade = (np.full((rows, 3), np.nan, np.float32) for _ in range(2))
     place[:total] = np.concatenate([position, fixed])
     shade[:count] = color
-    looks = _looks(views, jnp.asarray(place), jnp.asarray(shade), total)
-    for _ in range(_ROUNDS):
-        confirmed, against = (np.zeros(total, np.int32) for _ in range(2))
-        for look in looks:
-            visible = _visible(look, keep)
-            confirmed[look.index[visible & ~look.differs]] += 1
-            against[look.index[visible & look.differs]] += 1
-        gone = keep & (against > _SHARE * confirmed + _ONE_MORE)
-        gone[count:] = False
-        keep &= ~gone
-        if gone.sum() < 1e-3 * count:
-            break
-    removed = ~keep[:count]
+    removed = np.asarray(_removed(views, jnp.asarray(place), jnp.asarray(shade)))[:count]
     return removed if removed.sum() <= _MOST * count else np.zeros(count, bool)
 
 
 class _Look(NamedTuple):
-    """The points that lie within one picture: their numbers, cells and distances, whether the
-    picture shows another colour there, and the number of cells."""
+    """How a picture sees the points: the cell in which each lies, the one after the last for those
+    that it does not see, their distances, and whether it shows another colour there."""
 
-    index: Int[np.ndarray, " inside"]
-    cell: Int[np.ndarray, " inside"]
-    away: Float[np.ndarray, " inside"]
-    differs: Bool[np.ndarray, " inside"]
-    cells: int
-
-
-def _looks(views: StereoViews, place: Array, shade: Array, total: int) -> list[_Look]:
-    """How every picture sees the points."""
-    h, w = views.size
-    looks = []
-    for i in range(len(views.origin)):
-        number = jnp.asarray(i)
-        x, y, *rest = _seen(views, number, place, shade)
-        column, row, away, inside, offset = jax.device_get((x, y, *rest))
-        side = np.sqrt(_IN_CELL * h * w / max(inside.sum(), 1))
-        side = int(np.clip(round(side), _FINEST, _COARSEST))
-        across = -(-w // side)
-        # The colour of most points differs by the picture's exposure.
-        known = inside & np.isfinite(offset[:, 0])
-        usual = np.median(offset[known], axis=0) if known.any() else np.zeros(3, np.float32)
-        differs = np.asarray(_differs(views.pixel[number], x, y, shade, jnp.asarray(usual)))
-        index = np.flatnonzero(inside[:total])
-        cell = (row[index] // side).astype(np.int32) * across + (column[index] // side).astype(int)
-        looks.append(
-            _Look(index, cell.astype(np.int32), away[index], differs[index], across * -(-h // side))
-        )
-    return looks
-
-
-def _visible(look: _Look, keep: Bool[np.ndarray, " points"]) -> Bool[np.ndarray, " inside"]:
-    """Which points of a picture are kept and have no kept point in front of them."""
-    here = keep[look.index]
-    nearest = np.full(look.cells, np.inf, look.away.dtype)
-    np.minimum.at(nearest, look.cell[here], look.away[here])
-    return here & (look.away <= _BEHIND * nearest[look.cell])
+    cell: Int[Array, " n"]
+    away: Float[Array, " n"]
+    differs: Bool[Array, " n"]
 
 
 @kept_jit
+def _removed(
+    views: StereoViews, place: Float[Array, "n 3"], shade: Float[Array, "n 3"]
+) -> Bool[Array, " n"]:
+    """Which points are removed in all rounds. Without a colour (NaN) they only hide others."""
+    looks = jax.lax.map(lambda i: _look(views, i, place, shade), jnp.arange(len(views.origin)))
+    judged = jnp.isfinite(shade[:, 0])
+
+    def again(state):
+        turn, _, last = state
+        return (turn < _ROUNDS) & (last >= 1e-3 * jnp.sum(judged))
+
+    def removing(state):
+        turn, keep, _ = state
+
+        def counted(sums, look):
+            visible = _visible(look, keep, _most_cells(views))
+            confirmed, against = sums
+            return (confirmed + (visible & ~look.differs), against + (visible & look.differs)), None
+
+        none = jnp.zeros(len(place), jnp.int32)
+        (confirmed, against), _ = jax.lax.scan(counted, (none, none), looks)
+        gone = judged & keep & (against > _SHARE * confirmed + _ONE_MORE)
+        return turn + 1, keep & ~gone, jnp.sum(gone)
+
+    start = 0, jnp.ones(len(place), bool), jnp.sum(judged)
+    return ~jax.lax.while_loop(again, removing, start)[1]
+
+
+def _most_cells(views):
+    """Number of the finest cells of a picture."""
+    h, w = views.size
+    return -(-h // _FINEST) * -(-w // _FINEST)
+
+
+def _look(views, i, place, shade) -> _Look:
+    """How the view of this number sees the points."""
+    h, w = views.size
+    column, row, away, inside, offset = _seen(views, i, place, shade)
+    side = jnp.sqrt(_IN_CELL * h * w / jnp.maximum(jnp.sum(inside), 1))
+    side = jnp.clip(jnp.round(side), _FINEST, _COARSEST).astype(jnp.int32)
+    x, y = (jnp.floor(k / side).astype(jnp.int32) for k in (column, row))
+    # The colour of most points differs by the picture's exposure.
+    usual = _median(offset, inside & jnp.isfinite(offset[:, 0]))
+    differs = _differs(views.pixel[i], column, row, shade, usual)
+    return _Look(jnp.where(inside, y * -(-w // side) + x, _most_cells(views)), away, differs)
+
+
+def _median(value, known):
+    """The median of the known rows, of each column by halving where it lies between -1 and 1; 0 if
+    none is known."""
+    number = jnp.sum(known)
+
+    def halve(_, bounds):
+        low, high = bounds
+        middle = (low + high) / 2
+        below = jnp.sum(known[:, None] & (value <= middle[None]), axis=0)
+        enough = 2 * below >= number
+        return jnp.where(enough, low, middle), jnp.where(enough, middle, high)
+
+    one = jnp.ones(value.shape[1], value.dtype)
+    _, high = jax.lax.fori_loop(0, _HALVINGS, halve, (-one, one))
+    return jnp.where(number > 0, high, 0)
+
+
+def _visible(look, keep, cells):
+    """Which points of a picture are kept and have no kept point in front of them."""
+    here = keep & (look.cell < cells)
+    nearest = jnp.full(cells + 1, jnp.inf, look.away.dtype)
+    nearest = nearest.at[look.cell].min(jnp.where(here, look.away, jnp.inf))
+    return here & (look.away <= _BEHIND * nearest[look.cell])
+
+
 def _seen(
     views: StereoViews, i: Int[Array, ""], place: Float[Array, "n 3"], shade: Float[Array, "n 3"]
 ) -> tuple[Array, Array, Array, Array, Array]:
@@ -137,7 +165,6 @@ def _seen(
     return column, row, away, inside & counts, color - shade
 
 
-@kept_jit
 def _differs(
     pixel: Int[Array, "h w"],
     column: Float[Array, " n"],

@@ -16,12 +16,26 @@ def voxels(
         scale: gap between neighbouring points at each, in scene units (`StereoPoints.scale`).
         size: width of a voxel, in scales of its points rounded to powers of two.
     """
-    octave = np.round(np.log2(np.maximum(scale, 1e-30)))
-    place = np.floor(position / (size * 2.0**octave)[:, None]).astype(np.int64)
+    return np.unique(_keys(position, _octaves(scale), size), return_inverse=True)[1].reshape(-1)
+
+
+def _octaves(scale):
+    """The power of two that is nearest to each scale."""
+    return np.round(np.log2(np.maximum(scale, 1e-30)))
+
+
+def _keys(position, octave, size):
+    """A number for each point's voxel."""
+    place = np.floor(position / (size * np.exp2(octave))[:, None]).astype(np.int64)
     # A hash: two voxels that share a number cost one point of thousands.
     primes = np.array([73856093, 19349663, 83492791], np.int64)
-    key = (place * primes[None]).sum(axis=1) ^ (octave.astype(np.int64) * 2654435761)
-    return np.unique(key, return_inverse=True)[1].reshape(-1)
+    return place @ primes ^ octave.astype(np.int64) * 2654435761
+
+
+def _number(keys):
+    """How many different keys there are: sorted, which takes NumPy a tenth of `unique`."""
+    ordered = np.sort(keys)
+    return 1 + np.count_nonzero(ordered[1:] != ordered[:-1])
 
 
 def evenly(points: StereoPoints, count: int) -> StereoPoints:
@@ -35,14 +49,13 @@ def evenly(points: StereoPoints, count: int) -> StereoPoints:
     if len(points.position) <= count:
         return points
     # Of surfaces, the number of voxels falls with the square of their size.
-    size = 1.0
-    label = voxels(points.position, points.scale, size)
+    size, octave = 1.0, _octaves(points.scale)
     for _ in range(6):
-        ratio = (label.max() + 1) / count
+        ratio = _number(_keys(points.position, octave, size)) / count
         if 0.95 < ratio < 1.05:
             break
         size *= np.sqrt(ratio)
-        label = voxels(points.position, points.scale, size)
+    label = voxels(points.position, points.scale, size)
     weight = np.maximum(points.confidence, 1e-6).astype(np.float64)
     total = np.bincount(label, weight)
 

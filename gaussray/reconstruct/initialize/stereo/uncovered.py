@@ -78,10 +78,9 @@ def uncovered_points(
         report(i, len(seen.frames))
         dice = np.random.default_rng([seed, i, 4])
         index = jnp.asarray(i)
-        (column, row, away, inside), (ray, color, visible) = jax.device_get(
-            (_places(views, index, jnp.asarray(every)), _shown(views, index))
+        nearest, (ray, color, visible) = jax.device_get(
+            (_nearest(views, index, jnp.asarray(every), side), _shown(views, index))
         )
-        nearest = _nearest(column[inside], row[inside], away[inside], cells, side)
         empty = ~np.isfinite(nearest)
         if not empty.any():
             continue
@@ -132,15 +131,14 @@ def coverage(
     held = total = 0
     for i in range(len(seen.frames)):
         index = jnp.asarray(i)
-        (column, row, away, inside), (ray, color, mask) = jax.device_get(
-            (_places(views, index, jnp.asarray(position)), _shown(views, index))
+        nearest, (ray, color, mask) = jax.device_get(
+            (_nearest(views, index, jnp.asarray(position), side), _shown(views, index))
         )
         shown = mask & np.any(ray != 0, axis=0)
         if plain is not None:
             shown &= ~like_backdrop(color, plain)
         whole = shown[: cells[0] * side, : cells[1] * side]
         counts = whole.reshape(cells[0], side, cells[1], side).mean(axis=(1, 3)) >= 0.5
-        nearest = _nearest(column[inside], row[inside], away[inside], cells, side)
         held += int((counts & np.isfinite(nearest)).sum())
         total += int(counts.sum())
     return held / total if total else 1.0
@@ -176,8 +174,7 @@ def hiding(
     hides = np.zeros(len(more), bool)
     for i in range(len(seen.frames)):
         hides |= np.linalg.norm(more - np.asarray(views.origin[i]), axis=1) < _CLEAR * size
-        column, row, away, inside = jax.device_get(_places(views, jnp.asarray(i), known))
-        nearest = _nearest(column[inside], row[inside], away[inside], cells, side)
+        nearest = np.asarray(_nearest(views, jnp.asarray(i), known, side))
         if not np.isfinite(nearest).any():
             continue
         column, row, away, inside = jax.device_get(_places(views, jnp.asarray(i), balls))
@@ -198,19 +195,16 @@ def _with_cells(seen: StereoViewSet, count: int) -> tuple[StereoViews, int]:
     return views, min(int(np.clip(round(side), _FINEST, _COARSEST)), h, w)
 
 
+@kept_jit
 def _nearest(
-    column: Float[np.ndarray, " points"],
-    row: Float[np.ndarray, " points"],
-    away: Float[np.ndarray, " points"],
-    cells: tuple[int, int],
-    side: int,
-) -> Float[np.ndarray, "rows columns"]:
-    """Distance of the nearest point in each cell, infinite in those without any."""
-    column, row = column.astype(int) // side, row.astype(int) // side
-    within = (row < cells[0]) & (column < cells[1])
-    nearest = np.full(cells, np.inf)
-    np.minimum.at(nearest, (row[within], column[within]), away[within])
-    return nearest
+    views: StereoViews, i: Int[Array, ""], position: Float[Array, "points 3"], side: int
+) -> Float[Array, "rows columns"]:
+    """Distance of the nearest point in each cell of a view, infinite in those without any."""
+    column, row, away, inside = _places(views, i, position)
+    cells = [size // side for size in views.size]
+    x, y = (jnp.floor(place / side).astype(jnp.int32) for place in (column, row))
+    nearest = jnp.full(cells, jnp.inf, away.dtype)
+    return nearest.at[y, x].min(jnp.where(inside, away, jnp.inf), mode="drop")
 
 
 def _with_gaps_filled(
