@@ -13,6 +13,7 @@ from gaussray.runtime.lock import lock_output
 from gaussray.runtime.output import counted
 from gaussray.runtime.progress import say
 from gaussray.runtime.provenance import given_keys
+from gaussray.runtime.recent_programs import read_ahead
 
 
 def reconstruct_options(cfg: Configuration) -> Any:
@@ -46,6 +47,8 @@ def _capture(path: str, node: Configuration, label: str, prefix: str = "") -> An
 
 
 def _reconstruct(cfg: Configuration, devices: int | None) -> dict[str, Any]:
+    read_ahead(f"reconstruct {Path(str(cfg.capture.path)).resolve()}")
+    read_ahead(f"reconstruct {Path(str(cfg.capture.path)).resolve()}")
     from gaussray.reconstruct.data.training_split import (
         demand_training_pictures,
         division_sentence,

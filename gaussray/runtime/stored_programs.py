@@ -6,7 +6,6 @@ which takes longer than to run it. Here the name of a file follows from what a p
 
 import contextlib
 import functools
-import pickle
 import threading
 import time
 from collections.abc import Callable, Hashable
@@ -17,18 +16,19 @@ from typing import Any, NamedTuple, ParamSpec, TypeVar
 import equinox as eqx
 import jax
 from jax.core import Tracer
-from jax.experimental.serialize_executable import deserialize_and_load, serialize
-from jax.sharding import SingleDeviceSharding
-from jax.stages import Compiled, Lowered
+from jax.stages import Lowered
 from jax.tree_util import PyTreeDef
 
-from gaussray.runtime.program_files import (
-    files_are_kept,
-    full_text,
-    is_own,
-    kept_file,
-    write_kept,
+from gaussray.runtime.program_content import (
+    ProgramContent,
+    loaded_program,
+    read_content,
+    unflattened,
+    without_numbers,
+    write_program,
 )
+from gaussray.runtime.program_files import files_are_kept, full_text, is_own, kept_file
+from gaussray.runtime.recent_programs import note, read_before
 
 
 _P = ParamSpec("_P")
@@ -45,7 +45,8 @@ class KeptProgram:
         function: a pure function of arrays in any structure.
         key: everything that the function depends on beside its arguments and the package's source.
         compiler: options of the compiler.
-        needs: called before the program is read: it makes known to XLA what the program calls.
+        needs: called before the program is read: it makes known to XLA what the program calls;
+            None: it calls nothing.
         kernels: whether the function may call kernels, which XLA cannot write to disk: a GPU's
             program is then compiled in each process.
     """
@@ -55,7 +56,7 @@ class KeptProgram:
         function: Callable[..., Any],
         key: tuple[Hashable, ...],
         compiler: dict[str, bool] | None = None,
-        needs: Callable[[], Any] = lambda: None,
+        needs: Callable[[], Any] | None = None,
         kernels: bool = True,
     ):
         self._function, self._compiler, self._needs = function, compiler, needs
@@ -109,14 +110,15 @@ class KeptProgram:
 
     def _first(self, leaves: list[Any], signature: tuple[Any, ...], path: Path) -> Any:
         """The results of the first call: of a program from disk, or compiled and written there."""
+        if self._needs is None:
+            note(path)
         with contextlib.suppress(Exception):
             # A file that is damaged or cannot be run here is no error: the program is compiled.
             program = None
             if signature in self._begun:
                 program = self._begun[signature][0].result()
             elif path.is_file() and is_own(path):
-                self._needs()
-                program = _loaded(len(leaves), *_read(path))
+                program = read_before(path) or self._loaded(read_content(path))
             if program is not None:
                 results = jax.block_until_ready(program(*leaves))
                 self._known[signature] = program
@@ -136,19 +138,21 @@ class KeptProgram:
         """A program that a thread reads or compiles, and its results without their numbers."""
         with contextlib.suppress(Exception):
             if path.is_file() and is_own(path):
-                code, example, ids, kinds = _read(path)
-
-                def load() -> Callable[..., Any]:
-                    self._needs()
-                    return _loaded(len(leaves), code, example, ids, kinds)
-
-                return _threads().submit(load), _without_numbers(example, kinds)
+                content = read_content(path)
+                future = _threads().submit(self._loaded, content)
+                return future, without_numbers(content.example, content.kinds)
         lowered = self._lowered(leaves, structure, path)
         example = jax.tree.unflatten(lowered.result, range(lowered.result.num_leaves))
         return (
             _threads().submit(lowered.compiled, path),
-            _without_numbers(example, lowered.kinds),
+            without_numbers(example, lowered.kinds),
         )
+
+    def _loaded(self, content: ProgramContent) -> Callable[..., Any]:
+        """The program of a file."""
+        if self._needs is not None:
+            self._needs()
+        return loaded_program(content)
 
     def _lowered(self, leaves: list[Any], structure: PyTreeDef, path: Path) -> "_LoweredProgram":
         """A program of the leaves of the arguments, whose results are leaves of this structure."""
@@ -164,7 +168,7 @@ class KeptProgram:
         flat.__name__ = f"{path.stem}_{time.time_ns()}"
         traced = jax.jit(flat, compiler_options=self._compiler).trace(*leaves)
         kinds = [(x.shape, x.dtype, x.weak_type) for x in traced.jaxpr.out_avals]
-        return _LoweredProgram(traced.lower(), flat.__name__, results[-1], kinds)
+        return _LoweredProgram(traced.lower(), flat.__name__, results[-1], kinds, len(leaves))
 
 
 def kept_jit(function: Callable[_P, _R]) -> Callable[_P, _R]:
@@ -202,13 +206,14 @@ def _threads() -> ThreadPoolExecutor:
 
 
 class _LoweredProgram(NamedTuple):
-    """A program to be compiled, its name, the structure of its results, and shape, type and
-    weakness of each."""
+    """A program to be compiled, its name, the structure of its results, shape, type and weakness of
+    each, and the number of its arguments' leaves."""
 
     program: Lowered
     name: str
     result: PyTreeDef
     kinds: list[tuple[Any, ...]]
+    leaves: int
 
     def compiled(self, path: Path) -> Callable[..., Any]:
         """The compiled program, which is written to a file."""
@@ -217,55 +222,8 @@ class _LoweredProgram(NamedTuple):
             useless.unlink(missing_ok=True)
         with contextlib.suppress(Exception):
             path.unlink(missing_ok=True)
-            _write(path, program, self.result, self.kinds)
-        return _unflattened(program, self.result)
-
-
-def _unflattened(program: Compiled, result: PyTreeDef) -> Callable[..., Any]:
-    return lambda *leaves: jax.tree.unflatten(result, program(*leaves))
-
-
-# What a file holds: code, a value with the structure of the results, the numbers of the devices,
-# and shape, type and weakness of each result.
-_Content = tuple[bytes, Any, list[int], list[tuple[Any, ...]]]
-
-
-def _read(path: Path) -> _Content:
-    return pickle.loads(path.read_bytes())
-
-
-def _loaded(
-    leaves: int, code: bytes, example: Any, ids: list[int], kinds: list[tuple[Any, ...]]
-) -> Callable[..., Any]:
-    """The program in a file, a function of so many leaves."""
-    arguments, results = (
-        jax.tree.structure(((0,) * leaves, {})),
-        jax.tree.structure([0] * len(kinds)),
-    )
-    by_id = {device.id: device for device in jax.local_devices()}
-    devices = [by_id[i] for i in ids]
-    program = deserialize_and_load(code, arguments, results, execution_devices=devices)
-    return _unflattened(program, jax.tree.structure(example))
-
-
-def _write(path: Path, program: Compiled, result: PyTreeDef, kinds: list[tuple[Any, ...]]) -> None:
-    code, _, _ = serialize(program)
-    # Structures cannot be written, values that have them can.
-    example = jax.tree.unflatten(result, range(result.num_leaves))
-    devices = jax.tree.leaves(program.output_shardings)[0].device_set
-    ids = sorted(device.id for device in devices)
-    content: _Content = code, example, ids, kinds
-    write_kept(path, pickle.dumps(content))
-
-
-def _without_numbers(example: Any, kinds: list[tuple[Any, ...]]) -> Any:
-    """Results on the first device, without their numbers."""
-    place = SingleDeviceSharding(jax.local_devices()[0])
-    leaves = [
-        jax.ShapeDtypeStruct(shape, kind, sharding=place, weak_type=weak)
-        for shape, kind, weak in kinds
-    ]
-    return jax.tree.unflatten(jax.tree.structure(example), leaves)
+            write_program(path, program, self.result, self.kinds, self.leaves)
+        return unflattened(program, self.result)
 
 
 def _kind(x: Any) -> tuple[Hashable, ...]:

@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 from jaxtyping import Array
 
-from gaussray.runtime import program_files
+from gaussray.runtime import program_files, recent_programs
 from gaussray.runtime.program_files import kept_text
+from gaussray.runtime.recent_programs import read_ahead
 from gaussray.runtime.stored_programs import KeptProgram, kept_jit
 
 
@@ -143,6 +144,43 @@ def test_what_a_program_needs_is_there_before_it_is_read(folder):
     assert calls == [1, 1]
 
 
+def test_what_the_last_process_of_a_kind_asked_for_is_read_ahead(folder, monkeypatch):
+    monkeypatch.setattr(recent_programs, "_lists", {})
+    monkeypatch.setattr(recent_programs, "_ahead", {})
+    x, pair, traced = jnp.arange(3.0), {"y": np.float32(2)}, []
+    read_ahead("a fit")
+    powers(2, traced)(x, pair)
+    KeptProgram(jnp.sin, ("sine",), needs=lambda: None)(x)
+    assert not recent_programs._ahead
+    read_ahead("another fit")
+    assert not recent_programs._ahead
+    read_ahead("a fit")
+    ((path, future),) = recent_programs._ahead.items()
+    future.result()
+    # What is on disk is not looked at again.
+    path.write_bytes(b"no program")
+    path.chmod(0o600)
+    np.testing.assert_array_equal(powers(2, traced)(x, pair)[0].value, [2, 3, 6])
+    assert traced == [2] and not recent_programs._ahead
+
+
+def test_a_list_of_missing_and_damaged_programs_does_no_harm(folder, monkeypatch):
+    monkeypatch.setattr(recent_programs, "_lists", {})
+    monkeypatch.setattr(recent_programs, "_ahead", {})
+    x, pair, traced = jnp.arange(3.0), {"y": np.float32(2)}, []
+    read_ahead("a fit")
+    for power in (2, 3):
+        powers(power, traced)(x, pair)
+    two, three = (folder / name for name in next(iter(recent_programs._lists.values())))
+    two.unlink()
+    three.write_bytes(b"no program")
+    three.chmod(0o600)
+    read_ahead("a fit")
+    for power in (2, 3):
+        powers(power, traced)(x, pair)
+    assert traced == [2, 3, 2, 3]
+
+
 def test_a_program_that_others_may_write_to_is_not_loaded(folder):
     x, pair, traced = jnp.arange(3.0), {"y": np.float32(2)}, []
     powers(2, traced)(x, pair)
@@ -248,6 +286,7 @@ from pathlib import Path
 import jax, jax.numpy as jnp, numpy as np
 from jax.sharding import PartitionSpec
 from gaussray.runtime.program_files import keep_machine_code
+from gaussray.runtime.recent_programs import read_ahead
 from gaussray.runtime.stored_programs import KeptProgram
 from gaussray.tracer.shard import mesh
 
