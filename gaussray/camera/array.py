@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from gaussray.camera.camera import Camera
+from gaussray.camera.lens import AbstractLens
 from gaussray.camera.shutter import time_window
 from gaussray.runtime.stored_programs import kept_jit
 
@@ -16,6 +17,7 @@ class CameraSet(eqx.Module):
 
     Args:
         owner: index of the camera of each frame.
+        lens: number of the lens of each camera: those with equal lenses have one.
         position: mean position of each camera, in scene units.
         pixel: angle between neighbouring pixels in the middle of each camera's picture, in radians.
         extent: radius of the cameras' positions in scene units, the length unit of learning rates.
@@ -29,6 +31,7 @@ class CameraSet(eqx.Module):
     """
 
     owner: Int[Array, " frames"]
+    lens: Int[Array, " cameras"]
     position: Float[Array, "cameras 3"]
     pixel: Float[Array, " cameras"]
     extent: Float[Array, ""]
@@ -64,23 +67,38 @@ def camera_set(
     position = np.asarray(camera.trajectory.translation, np.float64).mean(axis=1)
     position = np.stack([position[owner == i].mean(axis=0) for i in range(owner.max() + 1)])
     _, first_frame = np.unique(owner, return_index=True)
-    pixel = _pixel_angle(jax.tree.map(lambda x: jnp.asarray(np.asarray(x)[first_frame]), camera))
+    first = jax.tree.map(lambda x: np.asarray(x)[first_frame], camera)
+    pixel = _pixel_angle(jax.tree.map(jnp.asarray, first))
+    numbers: dict[bytes, int] = {}
+    keys = [lens_key(first.lens, k) for k in range(len(first_frame))]
+    lens = [numbers.setdefault(key, len(numbers)) for key in keys]
     times = np.unique(np.asarray(camera.time))
     interval = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
-    first, last = time_window(camera.shutter, (film.width, film.height))
+    earliest, latest = time_window(camera.shutter, (film.width, film.height))
     room = 1.5 if "shutter" in refine else 1.0
     delay = interval / 2 if "offset" in refine else 0.0
     return CameraSet(
         jnp.asarray(owner, jnp.int32),
+        jnp.asarray(lens, jnp.int32),
         jnp.asarray(position, dtype),
         pixel,
         jnp.asarray(extent, dtype),
         jnp.asarray(interval, dtype),
         jnp.asarray(times, dtype),
         jnp.asarray(_without_similarity(position / extent), dtype),
-        earlier=delay - room * first,
-        later=delay + room * last,
+        earlier=delay - room * earliest,
+        later=delay + room * latest,
     )
+
+
+def lens_key(lens: AbstractLens, *index: int) -> bytes:
+    """All numbers of a lens: those of equal lenses are equal.
+
+    Args:
+        lens: a lens, or a stack of them.
+        index: number of the lens in the stack; none for a single one.
+    """
+    return b"".join(np.asarray(x)[index].tobytes() for x in jax.tree.leaves(lens))
 
 
 def pixel_spacing(

@@ -28,7 +28,9 @@ class Corrections(eqx.Module):
         pose: rotation vector about the camera's position, in radians, and translation, in extents;
             both along the world's axes.
         lens: logarithm of a factor of both focal lengths; shift of the principal point, in focal
-            lengths; changes of the lens's coefficients that are not zero.
+            lengths; changes of the lens's coefficients that are not zero. Cameras that were
+            recorded with equal lenses share their mean: photographs by one camera have one lens,
+            and a single picture determines it poorly.
         shutter: logarithm of a factor of row step and row offset, one for all cameras: cameras of
             one kind have one readout, and a single camera determines it poorly.
         exposure: logarithm of exposure times white balance, per channel of linear light.
@@ -114,6 +116,7 @@ def fix_gauge(corrections: Corrections, cameras: CameraSet) -> Corrections:
     A scene that is moved, turned, scaled, brightened or delayed together with all its cameras gives
     the same pictures. So the similarity transform common to all poses is projected out, and the
     mean of exposures, colour matrices and offsets is subtracted: the mean matrix is the identity.
+    Of cameras with equal lenses each gets the mean correction of these.
     Held-out cameras then keep their recorded values. Subtracting the mean over all cameras, rather
     than fixing one camera, averages the errors of the recording.
 
@@ -135,12 +138,23 @@ def fix_gauge(corrections: Corrections, cameras: CameraSet) -> Corrections:
 
     return Corrections(
         pose,
-        corrections.lens,
+        _shared(corrections.lens, cameras.lens),
         shutter,
         centred(corrections.exposure),
         centred(corrections.color_matrix),
         centred(corrections.offset),
     )
+
+
+def _shared(
+    values: Float[Array, "cameras parameters"] | None, lens: Int[Array, " cameras"]
+) -> Float[Array, "cameras parameters"] | None:
+    """The mean over the cameras with the same lens, for each camera."""
+    if values is None:
+        return None
+    total = jnp.zeros_like(values).at[lens].add(values)
+    count = jnp.zeros_like(values[:, :1]).at[lens].add(1)
+    return (total / jnp.maximum(count, 1))[lens]
 
 
 def apply_corrections(camera: Camera, row: Corrections, cameras: CameraSet) -> Camera:

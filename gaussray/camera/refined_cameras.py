@@ -6,7 +6,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from gaussray.camera.array import CameraSet
+from gaussray.camera.array import CameraSet, lens_key
 from gaussray.camera.camera import Camera
 from gaussray.camera.corrections import Corrections, apply_corrections, fix_gauge
 from gaussray.camera.shutter import Shutter
@@ -27,17 +27,23 @@ def refined_frames(
         corrections: the corrections; None for none.
         cameras: the set of training cameras.
         names: names of the cameras of the set, in the order of the corrections.
-        frames: name of the camera, and recorded camera, of each frame. Cameras that are not in
-            `names` stay as recorded.
+        frames: name of the camera, and recorded camera, of each frame. Of cameras that are not in
+            `names` only what they share with others is corrected: the readout, and equal lenses.
     """
     if corrections is None:
         return [camera for _, camera in frames]
     table = fix_gauge(corrections, cameras)
     rows = {name: jax.tree.map(lambda x, i=i: x[i], table) for i, name in enumerate(names)}
-    return [
-        _apply_corrections(camera, rows[name], cameras) if name in rows else camera
-        for name, camera in frames
-    ]
+    lenses = {lens_key(camera.lens): rows[name].lens for name, camera in frames if name in rows}
+
+    def corrected(name: str, camera: Camera) -> Camera:
+        row = rows.get(name)
+        if row is None:
+            shutter = None if table.shutter is None else table.shutter[0]
+            row = Corrections(lens=lenses.get(lens_key(camera.lens)), shutter=shutter)
+        return _apply_corrections(camera, row, cameras)
+
+    return [corrected(name, camera) for name, camera in frames]
 
 
 def gains(
@@ -98,7 +104,8 @@ def corrections_summary(
         parts.append(f"poses turned by up to {angle:.3g} degrees, moved by {distance:.3g}")
     if c.lens is not None:
         factor = np.exp(c.lens[:, 0])
-        parts.append(f"focal lengths x {factor.min():.4f} to {factor.max():.4f}")
+        several = f" to {factor.max():.4f}" if factor.max() - factor.min() > 5e-5 else ""
+        parts.append(f"focal lengths x {factor.min():.4f}{several}")
     if c.shutter is not None:
         step = np.asarray(shutter.row_step, np.float64)
         step = step[np.argmax(np.abs(step))]

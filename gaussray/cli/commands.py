@@ -163,6 +163,7 @@ def view(cfg: Configuration, overrides: Sequence[str]) -> None:
 
 
 def _evaluate(cfg: Configuration, devices: int | None) -> dict[str, Any]:
+    from gaussray.evaluate.found_cameras import with_found_cameras
     from gaussray.evaluate.options import EvaluateOptions
     from gaussray.evaluate.pipeline import evaluate
     from gaussray.evaluate.scores import scores_text
@@ -176,6 +177,7 @@ def _evaluate(cfg: Configuration, devices: int | None) -> dict[str, Any]:
     )
     render = build_options(RenderOptions, cfg.render)
     scene, truth = load(cfg.scene), _capture(cfg.truth, cfg, "truth_", "truth_")
+    truth = with_found_cameras(truth, Path(cfg.scene))
     if cfg.out == f"{cfg.scene}/evaluation" and Path(cfg.scene).is_file():
         # Several scenes may be files of one folder; that of a run has its evaluation there.
         file = Path(cfg.scene)

@@ -3,6 +3,7 @@
 A new kind of density control is added in `optimize.density`.
 """
 
+import math
 from dataclasses import replace
 from functools import partial
 
@@ -106,9 +107,10 @@ def _say_changed(session: Session, plan: StepPlan, done: int) -> None:
         say(f"Held-out tiles no longer improve at step {done}: the fit ends at step {plan.steps}.")
     elif isinstance(plan, TimedPlan) and plan.seconds_of_fewest:
         minutes, given = plan.seconds_of_fewest / 60, session.options.fit.minutes
+        needed = math.ceil(10 * given * plan.seconds_of_fewest / plan.seconds) / 10
         say(
-            f"fit.minutes={given:g} is too short here: {plan.steps} steps, the fewest of a fit, "
-            f"take about {minutes:.1f} minutes."
+            f"fit.minutes={given:g} is too short here: {plan.steps} steps, the fewest of this "
+            f"stage, take about {minutes:.1f} minutes; fit.minutes={needed:g} has time for them."
         )
 
 

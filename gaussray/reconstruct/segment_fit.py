@@ -8,6 +8,7 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
+from gaussray.camera.corrections import refined_kinds
 from gaussray.camera.refined_cameras import (
     color_matrices,
     corrections_summary,
@@ -98,8 +99,8 @@ def pruned_segment(
 
 
 def write_refined_cameras(path: Path, session: Session, state: State) -> None:
-    """Write every camera of the capture as refined, and the gains and colour matrices that were
-    found.
+    """Write every camera of the capture as refined, what was refined, and the gains and colour
+    matrices that were found.
 
     Args:
         path: the JSON file.
@@ -115,6 +116,7 @@ def write_refined_cameras(path: Path, session: Session, state: State) -> None:
         for view, camera in zip(views, cameras, strict=True)
     ]
     found = {
+        "refined": list(refined_kinds(corrections)),
         "gain": gains(corrections, session.cameras, names),
         "color_matrix": color_matrices(corrections, session.cameras, names),
     }

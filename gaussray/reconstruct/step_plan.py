@@ -110,7 +110,7 @@ class TimedPlan(StepPlan):
     def __init__(self, seconds: float, block: int):
         super().__init__(StageSchedule(_GUESS))
         self.most, self.seconds_of_fewest = _MOST, 0.0
-        self._seconds, self._block = seconds, block
+        self.seconds, self._block = seconds, block
         # Steps that are done, and when; and seconds in which a compiler worked.
         self._marks: list[tuple[int, float]] = []
         self._waited = 0.0
@@ -146,12 +146,12 @@ class TimedPlan(StepPlan):
         self._marks.append((done, now))
         if self._no_pace or (done > self.steps / 2 and self.steps != _GUESS):
             return False
-        end = self._marks[0][1] + self._seconds + self._waited
+        end = self._marks[0][1] + self.seconds + self._waited
         left = max(end - now, 0) / max(self._pace(), 1e-9)
         blocks = max(int(max(done + left, _LEAST) / self._block), -(-done // self._block))
         steps = min(blocks * self._block, _MOST)
         fewest = _LEAST * self._pace()
-        self.seconds_of_fewest = fewest if steps <= _LEAST and fewest > self._seconds else 0.0
+        self.seconds_of_fewest = fewest if steps <= _LEAST and fewest > self.seconds else 0.0
         changed, self.schedule = steps != self.steps, StageSchedule(steps)
         return changed
 
