@@ -43,7 +43,7 @@ def read_ahead(kind: str) -> None:
     threads.shutdown(wait=False)
 
 
-def note(path: Path) -> None:
+def remember(path: Path) -> None:
     """Put a program on the list of what processes of this kind ask for.
 
     Args:

@@ -28,7 +28,7 @@ from gaussray.runtime.program_content import (
     write_program,
 )
 from gaussray.runtime.program_files import files_are_kept, full_text, is_own, kept_file
-from gaussray.runtime.recent_programs import note, read_before
+from gaussray.runtime.recent_programs import read_before, remember
 
 
 _P = ParamSpec("_P")
@@ -111,7 +111,7 @@ class KeptProgram:
     def _first(self, leaves: list[Any], signature: tuple[Any, ...], path: Path) -> Any:
         """The results of the first call: of a program from disk, or compiled and written there."""
         if self._needs is None:
-            note(path)
+            remember(path)
         with contextlib.suppress(Exception):
             # A file that is damaged or cannot be run here is no error: the program is compiled.
             program = None
