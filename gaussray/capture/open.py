@@ -19,7 +19,9 @@ from gaussray.capture.formats.colmap_files import PLACES, model_folder
 from gaussray.capture.formats.colmap_project import project_folder
 from gaussray.capture.formats.dnerf import SPLIT_FILES, VALIDATION_FILE, read_splits
 from gaussray.capture.formats.dynamic3dgs import META_FILES, read_dynamic3dgs
+from gaussray.capture.formats.euroc import SENSOR_FILE, euroc_file, read_euroc
 from gaussray.capture.formats.immersive import MODELS_FILE, is_immersive, read_immersive
+from gaussray.capture.formats.kitti import KITTI_CALIBRATION, kitti_file, read_kitti
 from gaussray.capture.formats.llff import llff_pictures, read_llff
 from gaussray.capture.formats.metashape import metashape_file, read_metashape
 from gaussray.capture.formats.middlebury import PAR_FILE, middlebury_file, read_middlebury
@@ -33,8 +35,14 @@ from gaussray.capture.formats.paired import effect_files, read_capture
 from gaussray.capture.formats.pinf import INFO_FILE, is_pinf, read_pinf
 from gaussray.capture.formats.poses_bounds import POSES_FILE, read_poses_bounds
 from gaussray.capture.formats.record3d import METADATA_FILES, read_record3d, record3d_file
+from gaussray.capture.formats.sevenscenes import (
+    POSE_FILES,
+    read_sevenscenes,
+    sevenscenes_file,
+)
 from gaussray.capture.formats.technicolor import PARAMETERS_FILE, read_technicolor
 from gaussray.capture.formats.transforms import PINHOLE_FILE
+from gaussray.capture.formats.tum import TRAJECTORY_FILES, read_tum, tum_file
 from gaussray.capture.mask_folder import with_mask_folder
 from gaussray.capture.picture_file import BACKGROUNDS, picture_exists
 from gaussray.capture.selection import Selection, selected
@@ -62,6 +70,10 @@ FORMATS: dict[str, Callable[[Path | str, DTypeLike], Capture]] = {
     "openmvg": read_openmvg,
     "middlebury": read_middlebury,
     "record3d": read_record3d,
+    "sevenscenes": read_sevenscenes,
+    "kitti": read_kitti,
+    "tum": read_tum,
+    "euroc": read_euroc,
 }
 # The files of each format, for the message about a folder of none.
 FORMAT_FILES = {
@@ -83,6 +95,12 @@ FORMAT_FILES = {
     "openmvg": f"{SFM_DATA_FILES[0]} of OpenMVG, and pictures",
     "middlebury": f"{PAR_FILE} with K, R and t of each picture, and pictures",
     "record3d": f"{METADATA_FILES[0]} of Record3D, and pictures in rgb/",
+    "sevenscenes": f"{POSE_FILES}, frame-*.color.png or .jpg, and camera-intrinsics.txt",
+    "kitti": f"poses.txt of twelve numbers a line, {KITTI_CALIBRATION}, and pictures in image_2/, "
+    "image_0/ or image_l/",
+    "tum": f"{TRAJECTORY_FILES[0]} (or another trajectory of eight numbers a line), pictures in "
+    "rgb/ with timestamps, and camera-intrinsics.txt",
+    "euroc": f"mav0/cam0/data/ and {SENSOR_FILE} beside it, and the table of the body",
 }
 
 # Formats whose files name no masks: these lie in a folder of their own.
@@ -95,6 +113,10 @@ _MASKED = (
     "openmvg",
     "middlebury",
     "record3d",
+    "sevenscenes",
+    "kitti",
+    "tum",
+    "euroc",
 )
 
 
@@ -180,7 +202,7 @@ def format_of(folder: Path | str) -> str:
     splits before one of all frames, with a warning), then poses_bounds.npy with videos, then
     COLMAP, then poses_bounds.npy with pictures, then the XML file of Metashape, then projections of
     IDR and NeuS, then projects of AliceVision, OpenSfM and OpenMVG, then Middlebury's cameras and
-    Record3D's.
+    Record3D's, then poses of 7-Scenes, KITTI, TUM and EuRoC.
 
     Raises:
         CaptureError: the folder holds files of no format.
@@ -211,7 +233,7 @@ def format_of(folder: Path | str) -> str:
         f"{folder}: a capture must hold the files of one format, got none of them: {needs}. "
         f"Name the folder that has them; `gaussray prepare videos={media_folder(folder) or 'DIR'} "
         "out=OUT` makes a capture of videos or photographs, with calibrations of other tools "
-        "(poses.calibration), too."
+        "(poses.calibration), too. For matrices of your own: docs/captures.md#poses-of-your-own."
     )
 
 
@@ -249,5 +271,9 @@ def _format(folder: Path) -> str | None:
         "openmvg": openmvg_file,
         "middlebury": middlebury_file,
         "record3d": record3d_file,
+        "sevenscenes": sevenscenes_file,
+        "kitti": kitti_file,
+        "tum": tum_file,
+        "euroc": euroc_file,
     }
     return next((name for name, file_of in found.items() if file_of(folder) is not None), None)

@@ -37,6 +37,8 @@ TURN, SHIFT = 1e-3, 1e-3
 _LEAST = 1e-30
 
 
+# Folders of original pictures, and the share of them of which fewer in a model are warned of.
+_ORIGINALS, _FEW = ("images", "input"), 0.1
 # Range of plausible focal lengths in widths of the picture: fields of view of 136 to 3 degrees.
 _NEAR, _FAR = 0.2, 20.0
 
@@ -79,7 +81,7 @@ def read_colmap(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
         FileNotFoundError: the folder holds no model.
         OSError: a file cannot be read.
     """
-    folder = project_folder(Path(folder))
+    given, folder = Path(folder), project_folder(Path(folder))
     place = model_folder(folder)
     if place is None:
         raise FileNotFoundError(
@@ -110,6 +112,7 @@ def read_colmap(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
             views += views_in_time(fixed, frames[name])
         else:
             views += _moving(name, placed, frames[name])
+    _warn_of_few(given, model, len(views))
     times = [view.time for view in views]
     return Capture(folder, views, {}, model.points, (min(times), max(times)), "normalised")
 
@@ -159,6 +162,24 @@ def _check_counts(folder: Path, model: Model, counts: dict[str, int]) -> None:
         raise CaptureError(
             f"{folder}: all cameras must have as many frames, got {listed}. Each needs its "
             "pictures in a folder, or a video, of its name; cut them to the same instants."
+        )
+
+
+def _warn_of_few(folder: Path, model: Model, used: int) -> None:
+    """Warn of a model that has hardly any of the pictures in a capture's folder.
+
+    Args:
+        folder: the folder, where pictures lie in it or in `images/` or `input/`.
+        model: its model.
+        used: how many pictures are views.
+    """
+    places = [place for place in (folder, *(folder / n for n in _ORIGINALS)) if place.is_dir()]
+    counts = {p: sum(f.suffix.lower() in PICTURES for f in p.iterdir()) for p in places}
+    fullest = max(counts, key=lambda place: counts[place])
+    if used < _FEW * counts[fullest]:
+        Keys(model.file, {}).warn(
+            f"only {used} of the {counts[fullest]} pictures in {fullest} are in the model, and the "
+            f"others are not used. `gaussray prepare videos={fullest} out=OUT` finds poses of all."
         )
 
 

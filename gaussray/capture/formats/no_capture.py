@@ -15,6 +15,7 @@ from gaussray.capture.formats.pinf import INFO_FILE
 from gaussray.capture.formats.transforms import PINHOLE_FILE, json_if_readable
 from gaussray.capture.side_folders import holds_other_maps
 from gaussray.capture.videos import VIDEO_SUFFIXES
+from gaussray.io.safe.files import opened
 
 
 _DATA = (".json", ".txt", ".npy", ".npz", ".xml", ".csv", ".yml", ".yaml", ".toml", ".bin")
@@ -42,6 +43,12 @@ _CALIBRATIONS = (
 _FORMAT_NAMES = {CALIBRATION_FILE, DATASET_FILE, INFO_FILE, MODELS_FILE}
 # Bytes of a file that are looked at.
 _HEAD = 100_000
+# Bytes that a pointer of Git LFS has at most, and where else files of formats lie.
+_POINTER_SIZE, _POINTER_PLACES = 1024, (*PLACES, "opensfm", "poses")
+# Names of files that have poses in most formats: of several pointers such a one is told.
+_POSES_LIKELY = re.compile(
+    "reconstruction|transforms|poses|cameras|images.bin|sfm|_par|truth|trajectory"
+)
 # What `gaussray prepare` leaves in its folder beside a capture.
 _FACTS_FILE, _COMMAND_FILE, _REPORT_FILE = "prepare.json", "run.json", "report.html"
 # Folders and files that are looked at for what lies deeper; files that a message names.
@@ -66,6 +73,7 @@ def remedy_for(folder: Path, is_capture: Callable[[Path], bool]) -> str:
         _failed_preparation,
         _easymocap,
         functools.partial(_capture_inside, is_capture=is_capture),
+        _pointer,
         _model_without_poses,
         _binary_project,
         _calibration_of_other_tool,
@@ -107,6 +115,25 @@ def _capture_inside(folder: Path, is_capture: Callable[[Path], bool]) -> str:
     """Of a folder in which there are captures."""
     inner = [str(path) for path in folders_in(folder) if is_capture(path)][:_NAMED]
     return f"name {' or '.join(inner)}, which is one." if inner else ""
+
+
+def _pointer(folder: Path) -> str:
+    """Of a file that may have poses, of which there is a pointer of Git LFS instead."""
+    places = (folder / place for place in _POINTER_PLACES)
+    inside = (path for place in places if place.is_dir() for path in sorted(place.iterdir()))
+    data = [path for path in inside if path.suffix.lower() in (*_DATA, ".sfm") and path.is_file()]
+    small = [path for path in data if path.stat().st_size <= _POINTER_SIZE]
+    small.sort(key=lambda path: _POSES_LIKELY.search(path.name.lower()) is None)
+    return next(filter(None, map(_pointer_error, small)), "")
+
+
+def _pointer_error(path: Path) -> str:
+    """What opening a pointer says; empty for another file."""
+    try:
+        opened(path).close()
+    except OSError as error:
+        return str(error) if "Git LFS" in str(error) else ""
+    return ""
 
 
 def _model_without_poses(folder: Path) -> str:
@@ -161,7 +188,8 @@ def _pictures_without_poses(folder: Path) -> str:
     return (
         f"{_new_poses(media)}, or takes those of a calibration (poses.calibration=FILE). What it "
         f"holds beside pictures ({', '.join(data[:_NAMED])}{more}) is of no format that is read; "
-        "docs/captures.md lists these."
+        "docs/captures.md lists these. For matrices of your own, see "
+        "docs/captures.md#poses-of-your-own."
     )
 
 

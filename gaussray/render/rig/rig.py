@@ -1,5 +1,6 @@
 """The cameras of a render: a capture's, with another lens, aperture, shutter or trajectory."""
 
+import difflib
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -35,6 +36,8 @@ from gaussray.render.rig.trajectory import TrajectoryOptions as TrajectoryOption
 
 # Times (the capture's unit) that differ by less are equal.
 _SAME_TIME = 1e-6
+# Cameras that a message names.
+_NAMED = 10
 
 
 class RigOptions(eqx.Module):
@@ -120,7 +123,8 @@ def _choose(views: Sequence[View], options: CameraOptions) -> list[tuple[str, st
     for name in options.names:
         if name not in names:
             raise ValueError(
-                f"camera.names must be among the capture's ({', '.join(names)}), got {name}."
+                f"camera.names must be among the capture's ({_some(list(names))}), got {name}."
+                f"{_alike(name, list(names))}"
             )
     split = options.split
     if split == "test" and not any(view.split == split for view in views):
@@ -141,10 +145,22 @@ def _choose(views: Sequence[View], options: CameraOptions) -> list[tuple[str, st
         splits = list(dict.fromkeys(view.split for view in views)) or ["train"]
         raise ValueError(
             "camera.split, camera.names and camera.times choose no frame of the capture; its "
-            f"cameras are {', '.join(names)}, its splits {', '.join(splits)}. Choose e.g. "
+            f"cameras are {_some(list(names))}, its splits {', '.join(splits)}. Choose e.g. "
             f"camera.split={splits[0]}."
         )
     return [(view.camera_name, view.split, view.camera) for view in chosen]
+
+
+def _some(names: Sequence[str]) -> str:
+    """The first names, and how many others there are."""
+    others = len(names) - _NAMED
+    return ", ".join(names[:_NAMED]) + (f" and {others} others" if others > 0 else "")
+
+
+def _alike(name: str, names: Sequence[str]) -> str:
+    """A question that names the camera most like an unknown one; empty if none is like it."""
+    alike = difflib.get_close_matches(str(name), names, n=1)
+    return f" Did you mean {alike[0]}?" if alike else ""
 
 
 def _check_times(views: Sequence[View], options: CameraOptions) -> None:

@@ -337,3 +337,15 @@ def test_pixels_that_are_not_square_are_told(tmp_path, recwarn, fl_y, told):
     read_colmap(model(tmp_path, registered("a.png", "b.png"), cameras))
     said = [str(one.message) for one in recwarn]
     assert any("camera 1 has pixels that are 1.25 times as wide as high" in x for x in said) == told
+
+
+@STATIC
+def test_a_model_of_hardly_any_of_the_pictures_is_told(tmp_path):
+    model(tmp_path, registered("0.png", "1.png"))
+    pictures(tmp_path, *(f"images/{k}.png" for k in range(2)))
+    pictures(tmp_path, *(f"input/{k}.png" for k in range(20)))
+    assert len(open_capture(tmp_path).views) == 2
+    pictures(tmp_path, "input/20.png")
+    says = r"only 2 of the 21 pictures in \S+input are .* prepare videos=\S+input out=OUT` finds"
+    with pytest.warns(CaptureWarning, match=says):
+        assert len(open_capture(tmp_path).views) == 2

@@ -20,6 +20,7 @@ TOML = "[cam_0]\nmatrix = [[1.0]]\nrotation = [0.0, 0.0, 0.0]\n"
 QUALISYS = '<cameras><camera serial="1"><transform x="1"/><intrinsic x="1"/></camera></cameras>'
 KALIBR = "cam0:\n  camera_model: pinhole\n"
 PANOPTIC = json.dumps({"cameras": [{"name": "a", "K": [], "R": []}]})
+POINTER = "version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 772721\n"
 STEREO = "%YAML:1.0\nR: !!opencv-matrix\n   rows: 3\nT: !!opencv-matrix\n"
 RUN = json.dumps({"command": "gaussray prepare videos=a out=b"})
 
@@ -67,6 +68,15 @@ RUN = json.dumps({"command": "gaussray prepare videos=a out=b"})
             "`gaussray prepare` failed .* {}/report.html shows why",
         ),
         ([("run.json", RUN), ("config.yaml", "")], "failed .*; its message says why"),
+        (
+            [("reconstruction.json", POINTER), ("images/a.jpg", "")],
+            "{}/reconstruction.json: is a pointer of Git LFS, not the file itself. `git lfs pull`",
+        ),
+        ([("groundtruth.txt", POINTER), ("rgb/1.5.png", "")], "groundtruth.txt: is a pointer of"),
+        ([("sparse/0/a.json", POINTER), ("a.txt", "")], "sparse/0/a.json: is a pointer of Git"),
+        ([("opensfm/reconstruction.json", POINTER)], "opensfm/reconstruction.json: is a pointer"),
+        ([("poses.txt", ""), ("rgb/1.png", "")], "see docs/captures.md#poses-of-your-own"),
+        ([("notes.txt", "")], "own: docs/captures.md#poses-of-your-own"),
         ([("notes.txt", "")], "must hold the files of one format, got none of them"),
         ([("reconstruction.json", "[1]")], "must hold the files of one format, got none of them"),
     ],
@@ -74,4 +84,4 @@ RUN = json.dumps({"command": "gaussray prepare videos=a out=b"})
 def test_what_a_folder_holds_decides_the_remedy(tmp_path, files, told):
     with pytest.raises(CaptureError, match=told.replace("{}", str(tmp_path))) as caught:
         open_capture(lay(tmp_path, *files))
-    assert len(str(caught.value)) < 600 or "must hold the files of one format" in told
+    assert len(str(caught.value)) < 600 or "must hold the files of one format" in str(caught.value)

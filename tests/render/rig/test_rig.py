@@ -74,6 +74,15 @@ def test_names_and_times_choose(views):
     assert [r.camera_name for r in built(views, camera=camera)] == ["cam_0", "cam_1"]
 
 
+def test_an_unknown_camera_is_refused_with_the_one_most_like_it(views):
+    many = [dataclasses.replace(views[0], camera_name=f"r_{k:02d}") for k in range(30)]
+    says = r"\(r_00, .*, r_09 and 20 others\), got r_011\. Did you mean r_[01]1\?$"
+    with pytest.raises(ValueError, match=says):
+        built(many, camera=rig.CameraOptions(names=("r_011",)))
+    with pytest.raises(ValueError, match=r"among the capture's \(r_00, r_01\), got left\.$"):
+        built(many[:2], camera=rig.CameraOptions(names=("left",)))
+
+
 def test_a_time_without_a_frame_is_refused_with_the_nearest_ones(views):
     camera = rig.CameraOptions(names=("cam_0",), times=(0.5, 0.4))
     with pytest.raises(ValueError, match=r"camera.times must be .* got 0.4; the nearest are"):

@@ -1,0 +1,186 @@
+"""Captures in the layout of KITTI's odometry (Geiger et al. 2012): pictures in `image_2/`, a line
+with the pose of each, and projections of rectified cameras in `calib.txt`."""
+
+import re
+from pathlib import Path
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import DTypeLike, Float
+
+from gaussray.capture.capture import Capture
+from gaussray.capture.errors import CaptureError
+from gaussray.capture.formats.json_keys import Keys
+from gaussray.capture.formats.number_files import (
+    columns_of,
+    lens_of_matrix,
+    lines_of,
+    read_rows,
+)
+from gaussray.capture.formats.picture_places import KNOWN_SUFFIXES
+from gaussray.capture.formats.posed_pictures import PosedPicture, posed_capture
+from gaussray.io.natural_order import natural_order
+from gaussray.io.safe.files import read_text
+
+
+# Folders of the pictures of a left and a right camera, and the numbers of their projections. The
+# first pair that is there is read: that of colour pictures.
+_PAIRS = (
+    {"image_2": 2, "image_3": 3},
+    {"image_0": 0, "image_1": 1},
+    {"image_l": 0, "image_r": 1},
+    {"image_left": 0, "image_right": 1},
+)
+_POSES_FILE, KITTI_CALIBRATION, _TIMES_FILE = "poses.txt", "calib.txt", "times.txt"
+_LABEL = re.compile(r"P(?:_rect_0)?(\d):\s*(.*)")
+_ROW = "twelve numbers: three rows of four of a matrix from the camera to the world"
+_PROJECTION = "twelve finite numbers: three rows of four of K [I | t] of a rectified camera"
+
+
+class _Camera(NamedTuple):
+    """A rectified camera: its lens, and its place in the axes of camera 0."""
+
+    lens: dict[str, float]
+    place: Float[np.ndarray, "3"]
+
+
+def kitti_file(folder: Path) -> Path | None:
+    """The file of poses of such a capture; None if the folder holds none, or no pictures.
+
+    It is `poses.txt`, `NN.txt`, or `poses/NN.txt` beside `sequences/`, where NN is the name of the
+    folder.
+    """
+    if not any((folder / name).is_dir() for pair in _PAIRS for name in pair):
+        return None
+    home = folder.resolve()
+    own = f"{home.name}.txt"
+    paths = [folder / _POSES_FILE, folder / own, *sorted(folder.glob("[0-9][0-9].txt"))]
+    paths.append(home.parent.parent / "poses" / own)
+    return next((path for path in paths if columns_of(path) == 12), None)
+
+
+def read_kitti(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
+    """The pictures of a camera that moves, or of a left and a right one.
+
+    A line of the poses takes camera 0 to the world, in OpenCV's axes. It belongs to the picture of
+    its number, from 0, or in order where there are as many lines as pictures. The lens and place of
+    camera i follow from its projection Pi = K [I | t] in `calib.txt` (`P2: ...`, or a line for each
+    from P0); the middle of the first pixel is 0. Times are seconds, of `times.txt`; without it
+    picture i of n is at time i / n. None is held out.
+
+    Args:
+        folder: the folder with `image_2/` (and `image_3/`), else with `image_0/` (and `image_1/`)
+            or `image_l/` (and `image_r/`).
+        dtype: type of the cameras' numbers.
+
+    Raises:
+        CaptureError: a file contradicts the format; the message names it and the line.
+        FileNotFoundError: there are no poses, or no calibration.
+    """
+    folder = Path(folder)
+    path = kitti_file(folder)
+    if path is None:
+        raise FileNotFoundError(
+            f"{folder}: holds no {_POSES_FILE} with twelve numbers a line beside image_2/, "
+            "image_0/ or image_l/."
+        )
+    calibration = folder / KITTI_CALIBRATION
+    if not calibration.is_file():
+        raise FileNotFoundError(
+            f"{calibration}: no such file. It must have the projections of the cameras, such as "
+            "P2: fx 0 cx tx 0 fy cy ty 0 0 1 tz."
+        )
+    pairs = [pair for pair in _PAIRS if any((folder / name).is_dir() for name in pair)]
+    filmed = {name: _pictures(folder / name) for name in pairs[0]}
+    filmed = {name: pictures for name, pictures in filmed.items() if pictures}
+    if not filmed:
+        raise CaptureError(f"{folder}: {' and '.join(pairs[0])} must hold pictures, got none.")
+    top = Keys(calibration, {})
+    others = [name for pair in pairs[1:] for name in pair if (folder / name).is_dir()]
+    if others:
+        top.warn(f"{', '.join(filmed)} is read, and {', '.join(others)} is not.")
+    projections = _projections(calibration)
+    rows = read_rows(path, 12, _ROW)
+    times = _times(folder, len(rows))
+    pictures = []
+    for name, numbered in filmed.items():
+        camera = _camera(calibration, projections, pairs[0][name])
+        in_order = len(numbered) == len(rows)
+        for k, (number, picture) in enumerate(numbered):
+            line = k if in_order else number
+            source, values = rows[line] if line < len(rows) else (Keys(path, {}), None)
+            pose = None if values is None else np.reshape(values, (3, 4))
+            time = times[line] if line < len(rows) else 0.0
+            pictures.append(
+                PosedPicture(
+                    f"{name}/{picture.name}", name, time, camera.lens, source, _at(pose, camera)
+                )
+            )
+    unit = "seconds" if (folder / _TIMES_FILE).is_file() else "normalised"
+    return posed_capture(top, pictures, unit, dtype)
+
+
+def _pictures(folder: Path) -> list[tuple[int, Path]]:
+    """The pictures of a camera with the numbers in their names; by their order, where these are
+    not all different."""
+    inside = sorted(folder.iterdir(), key=natural_order) if folder.is_dir() else []
+    paths = [path for path in inside if path.suffix.lower() in KNOWN_SUFFIXES]
+    found = [re.findall(r"\d{1,18}", path.stem) for path in paths]
+    numbers = [int(some[-1]) if some else -1 for some in found]
+    if len(set(numbers)) < len(paths) or -1 in numbers:
+        numbers = list(range(len(paths)))
+    return sorted(zip(numbers, paths, strict=True))
+
+
+def _times(folder: Path, count: int) -> list[float]:
+    """The time of each pose."""
+    path = folder / _TIMES_FILE
+    if not path.is_file():
+        return [k / count for k in range(count)]
+    rows = read_rows(path, 1, "a time in seconds")
+    if len(rows) != count:
+        raise CaptureError(
+            f"{path}: must hold a time for each of the {count} poses, got {len(rows)}. Remove it "
+            "to have pictures at even times."
+        )
+    wrong = next((keys for keys, values in rows if not np.isfinite(values[0])), None)
+    if wrong is not None:
+        raise wrong.error("it", "a finite time in seconds")
+    return [float(values[0]) for _, values in rows]
+
+
+def _projections(path: Path) -> dict[int, tuple[Keys, Float[np.ndarray, "3 4"]]]:
+    """The projections in a calibration by their numbers. Lines with other labels are none."""
+    found: dict[int, tuple[Keys, Float[np.ndarray, "3 4"]]] = {}
+    for k, (number, line) in enumerate(lines_of(read_text(path))):
+        match = _LABEL.fullmatch(line)
+        if match is None and ":" in line:
+            continue
+        keys = Keys(path, {"it": line}, number, kind="line")
+        try:
+            values = np.array((match[2] if match else line).split(), np.float64)
+        except ValueError:
+            values = np.empty(0)
+        if len(values) != 12 or not np.isfinite(values).all():
+            raise keys.error("it", _PROJECTION)
+        found[int(match[1]) if match else k] = keys, values.reshape(3, 4)
+    return found
+
+
+def _camera(
+    path: Path, projections: dict[int, tuple[Keys, Float[np.ndarray, "3 4"]]], number: int
+) -> _Camera:
+    if number not in projections:
+        known = ", ".join(f"P{k}" for k in projections) or "none"
+        raise CaptureError(f"{path}: must have the projection P{number}: ..., got {known}.")
+    keys, matrix = projections[number]
+    lens = lens_of_matrix(keys, matrix[:, :3], f"P{number}, the first three columns,")
+    return _Camera(lens, -np.linalg.solve(matrix[:, :3], matrix[:, 3]))
+
+
+def _at(pose: Float[np.ndarray, "3 4"] | None, camera: _Camera) -> Float[np.ndarray, "3 4"] | None:
+    """The pose of a camera, by that of camera 0."""
+    if pose is None:
+        return None
+    return np.column_stack([pose[:, :3], pose[:, 3] + pose[:, :3] @ camera.place])

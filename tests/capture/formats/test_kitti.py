@@ -1,0 +1,129 @@
+"""Captures of KITTI's odometry: rectified cameras side by side, with a line for each pose."""
+
+import numpy as np
+import pytest
+from known_photograph import PIXELS, PLACE, TURN, pixels, seen_points, write_picture
+
+from gaussray.capture.errors import CaptureError, CaptureWarning
+from gaussray.capture.formats.kitti import read_kitti
+from gaussray.capture.open import format_of, open_capture
+
+
+K = np.array([[50.0, 0, 31.5], [0, 52.0, 23.5], [0, 0, 1]])
+POSES = [np.eye(3, 4), np.column_stack([TURN, PLACE]), np.column_stack([TURN, PLACE + 1])]
+# To the right of camera 0.
+BASELINE = 0.54
+
+
+def words(matrix):
+    return " ".join(f"{x:.17g}" for x in np.ravel(matrix))
+
+
+def projection(shift):
+    """That of a rectified camera at a place of the first camera's axes."""
+    return np.column_stack([K, -K @ shift])
+
+
+def lay(folder, left="image_2", right="image_3", labels=("P0: ", "P1: ", "P2: ", "P3: ")):
+    for name in (left, right):
+        for number in range(len(POSES)):
+            write_picture(folder / name / f"{number:06d}.png")
+    (folder / "poses.txt").write_text("\n".join(map(words, POSES)) + "\n")
+    rows = [projection((i % 2 * BASELINE, 0, 0)) for i in range(len(labels))]
+    text = "\n".join(label + words(row) for label, row in zip(labels, rows, strict=True))
+    (folder / "calib.txt").write_text(f"{text}\nTr: 1 2 3\n")
+    return folder
+
+
+def check_pixels(view, shift):
+    world, own = seen_points()
+    projected = (own - (shift, 0, 0)) @ K.T
+    # The middle of the first pixel is 0 in the file, and 0.5 here.
+    expected = projected[:, :2] / projected[:, 2:] + 0.5
+    np.testing.assert_allclose(pixels(view, world), expected, atol=PIXELS)
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "labels"),
+    [
+        ("image_2", "image_3", ("P0: ", "P1: ", "P2: ", "P3: ")),
+        ("image_0", "image_1", ("P0: ", "P1: ")),
+        ("image_l", "image_r", ("", "")),
+    ],
+)
+def test_pixels_and_times_are_those_of_both_cameras(tmp_path, left, right, labels):
+    assert format_of(lay(tmp_path, left, right, labels)) == "kitti"
+    capture = open_capture(tmp_path)
+    assert capture.time_unit == "normalised"
+    names = [(view.camera_name, round(3 * view.time), view.split) for view in capture.views]
+    assert names == [(name, k, "train") for name in (left, right) for k in range(3)]
+    check_pixels(capture.views[1], 0)
+    check_pixels(capture.views[4], BASELINE)
+
+
+def test_poses_and_times_may_be_those_of_the_numbers(tmp_path):
+    folder = lay(tmp_path / "sequences/07")
+    (tmp_path / "poses").mkdir()
+    (folder / "poses.txt").rename(tmp_path / "poses/07.txt")
+    (folder / "times.txt").write_text("0\n0.1\n0.25\n")
+    for name in ("image_2", "image_3"):
+        (folder / name / "000000.png").unlink()
+    write_picture(folder / "image_2/000009.png")
+    write_picture(folder / "image_0/000001.png")
+    assert format_of(folder) == "kitti"
+    with pytest.warns(CaptureWarning, match="image_2, image_3 is read, and image_0 is not"):
+        capture = open_capture(folder)
+    # Of three pictures the poses are in order, whatever their numbers.
+    assert [v.time for v in capture.views] == [0, 0.1, 0.25, 0.1, 0.25]
+    (folder / "image_0/000001.png").unlink()
+    (folder / "image_0").rmdir()
+    write_picture(folder / "image_2/000010.png")
+    with pytest.warns(CaptureWarning, match="2 of 6 pictures, first image_2/000009.png, have no"):
+        capture = open_capture(folder)
+    assert [v.time for v in capture.views] == [0.1, 0.25, 0.1, 0.25]
+    assert capture.time_unit == "seconds"
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "says"),
+    [
+        ("calib.txt", "P0: 1 2 3", "line 1: it must be twelve finite numbers"),
+        ("calib.txt", "nothing: 1", "must have the projection P2: ..., got none"),
+        ("calib.txt", "", "must have the projection P2: ..., got none"),
+        ("calib.txt", "P2: " + "0 " * 12, r"line 1: P2.* must be \[fx 0 cx; 0 fy cy; 0 0 1\]"),
+        ("calib.txt", "P2: " + "nan " * 12, "line 1: it must be twelve finite numbers"),
+        ("poses.txt", f"{words(POSES[0])}\n1 2 3", "line 2: it must be twelve numbers"),
+        (
+            "poses.txt",
+            "\n".join([words(POSES[0]), words(2 * POSES[1]), words(POSES[2])]),
+            "poses.txt, line 2: pose must be a rigid",
+        ),
+        ("poses.txt", words(np.zeros(12)), "at least one picture must have a pose"),
+        ("times.txt", "0\n1", "must hold a time for each of the 3 poses, got 2. Remove it"),
+        ("times.txt", "0\n1\nnan", "line 3: it must be a finite time"),
+        ("times.txt", "0\n2\n1", "image_2/000002.png: time must be later than 2"),
+        ("times.txt", "0\n2\nx", "line 3: it must be a time in seconds"),
+    ],
+)
+def test_what_contradicts_the_format_is_named(tmp_path, name, text, says):
+    lay(tmp_path)
+    (tmp_path / name).write_text(text)
+    with pytest.raises(CaptureError, match=says):
+        open_capture(tmp_path)
+
+
+def test_without_a_calibration_the_file_is_named(tmp_path):
+    (lay(tmp_path) / "calib.txt").unlink()
+    with pytest.raises(
+        FileNotFoundError, match=r"calib\.txt: no such file\. It must have the proj"
+    ):
+        open_capture(tmp_path)
+
+
+def test_other_folders_are_none_of_it(tmp_path):
+    lay(tmp_path)
+    (tmp_path / "poses.txt").write_text("1 2 3 4 5 6 7 8\n")
+    with pytest.raises(CaptureError, match="is no capture of a known format"):
+        open_capture(tmp_path)
+    with pytest.raises(FileNotFoundError, match=r"holds no poses\.txt with twelve numbers a line"):
+        read_kitti(tmp_path)
