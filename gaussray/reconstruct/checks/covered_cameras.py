@@ -10,7 +10,12 @@ from jaxtyping import Float
 
 from gaussray.capture.capture import Capture, View
 from gaussray.capture.errors import CaptureWarning
-from gaussray.capture.frames import is_masked, read_encoded, visible_pixels
+from gaussray.capture.frames import (
+    encoded_values,
+    is_masked,
+    stored_picture,
+    visible_pixels,
+)
 from gaussray.capture.spread import evenly_spread
 from gaussray.reconstruct.data.backdrop import BackdropColor, surrounds
 from gaussray.runtime.progress import Progress
@@ -88,9 +93,15 @@ def _plain_color(views: Sequence[View]) -> BackdropColor | None:
 def _colors(views: Sequence[View]) -> Iterator[Float[np.ndarray, "pixels 3"]]:
     """The sRGB-encoded colours of pixels of each view that count."""
     for view in views:
-        picture = read_encoded(view)
+        picture = _picture(view)
         shown = picture[visible_pixels(view)] if is_masked(view) else picture.reshape(-1, 3)
         yield _in_unit(shown[:: max(len(shown) // _PIXELS, 1)])
+
+
+def _picture(view: View) -> np.ndarray:
+    """What `read_encoded` returns, without its warning of transparent pixels: the fit reads all
+    pictures later, and tells of how many."""
+    return encoded_values(view, stored_picture(view).values)
 
 
 def _in_unit(encoded: np.ndarray) -> Float[np.ndarray, "pixels 3"]:
@@ -102,4 +113,4 @@ def _border(view: View) -> Float[np.ndarray, "pixels 3"]:
     """The sRGB-encoded colours at the border of a picture."""
     edge = visible_pixels(view) if is_masked(view) else np.ones((view.height, view.width), bool)
     edge[1:-1, 1:-1] = False
-    return _in_unit(read_encoded(view)[edge])
+    return _in_unit(_picture(view)[edge])
