@@ -19,6 +19,13 @@ from gaussray.camera.lens import AbstractLens
 from gaussray.capture.errors import CaptureWarning
 from gaussray.capture.spread import evenly_spread, spread_indices
 from gaussray.geometry import BLENDER_AXES, epipolar_angle, rotation_matrix
+from gaussray.reconstruct.checks.focal_check import (
+    BETTER_FIT,
+    FocalFit,
+    MatchedPixels,
+    explains,
+    focal_fit,
+)
 from gaussray.reconstruct.data.pictures import Footage
 from gaussray.reconstruct.initialize.stereo.matching import reduction
 from gaussray.runtime.stored_programs import kept_jit
@@ -39,9 +46,10 @@ _RATIO = 0.8
 # that are a little off, cost less.
 _WRONG = ((15, 10.0), (40, 4.0), (150, 1.5))
 # Poses must be read otherwise if they are more than so many pixels off, and other axes explain at
-# least so many matches to less than the last number, and so many times as well. Of eight captures
-# five had matches in turned pairs: 0.3 to 1.2 pixels with their own axes, 2.6 to 31 with others.
-_DOUBTED, TELLING_MATCHES, _BETTER, _RIGHT = 1.5, 30, 3.0, 1.5
+# least so many matches (`explains`). Of eight captures five had matches in turned pairs: 0.3 to
+# 1.2 pixels with their own axes, 2.6 to 31 with others. With a lens that is off, too, other axes
+# need only explain them to the last number of pixels, but BETTER_FIT times as well as any others.
+_DOUBTED, TELLING_MATCHES, _NEARLY = 1.5, 30, 5.0
 _FLIP = np.diag(BLENDER_AXES)
 
 # What the poses of a file may be instead, and what to do about it.
@@ -63,19 +71,39 @@ class Misfit(NamedTuple):
         matches: number of matches, of all pairs.
         error: median distance in pixels of pictures of at most 70,000 pixels, as the poses are.
         others: the same as the poses would be, read otherwise (REMEDIES).
+        focal: the focal length with which they fit, with the poses as `PoseCheck.reading` has
+            them; None if none is sought or found.
+        joint: how poses must be read to fit with this focal length, where that alone tells nothing.
     """
 
     matches: int
     error: float
     others: dict[str, float]
+    focal: FocalFit | None = None
+    joint: str = ""
 
     @property
     def reading(self) -> str:
-        """How the poses must be read so that they fit; empty if as they are, or if none does."""
+        """How the poses must be read to fit, or to fit far better; empty if as they are, or if
+        that helps nowhere."""
         best = min(self.others, key=lambda name: self.others[name])
-        doubted = self.matches >= TELLING_MATCHES and self.error > _DOUBTED
-        right = self.others[best] < min(_RIGHT, self.error / _BETTER)
-        return best if doubted and right else ""
+        error = self.others[best]
+        if self.matches < TELLING_MATCHES:
+            return ""
+        if self.error > _DOUBTED and explains(error, self.error):
+            return best
+        rest = min([self.error, *(x for name, x in self.others.items() if name != best)])
+        nearly = self.is_wrong() and error < min(_NEARLY, rest / BETTER_FIT)
+        return best if nearly else ""
+
+    def is_wrong(self, reading: str = "") -> bool:
+        """Whether so many details lie so far off that poses are wrong.
+
+        Args:
+            reading: how poses are read; empty: as they are.
+        """
+        error = self.others.get(reading, self.error)
+        return any(self.matches >= least and error > most for least, most in _WRONG)
 
 
 class PoseCheck(NamedTuple):
@@ -92,29 +120,51 @@ class PoseCheck(NamedTuple):
     @property
     def reading(self) -> str:
         """How the poses must be read so that they fit; empty if as they are, or if none does."""
-        return self.near.reading or self.turned.reading
+        return self.near.reading or self.turned.reading or self.near.joint
 
     @property
     def sentence(self) -> str:
         """What is wrong; empty if nothing is, or if there are too few matches to tell."""
-        count, error, _ = self.near
-        wrong = any(count >= least and error > most for least, most in _WRONG)
+        wrong = self.near.is_wrong()
         if not (self.reading or wrong):
             return ""
-        if self.reading and not (wrong or self.near.reading):
-            count, error, _ = self.turned
+        told = self.near if wrong or self.near.reading else self.turned
         text = (
             "pictures and poses do not fit together: details that neighbouring pictures share lie "
-            f"{error:.1f} pixels off where the poses put them (median of {count}; usual are less "
-            "than 1). "
+            f"{told.error:.1f} pixels off where the poses put them (median of {told.matches}; "
+            "usual are less than 1). "
         )
+        focal = self.near.focal
         if self.reading:
-            return f"{text}They fit if the poses are {REMEDIES[self.reading]}."
-        return (
-            f"{text}Poses, lens or order may be those of other pictures, or two sides that look "
-            "the same were taken for one; what is fitted to them is blurred. fit.refine=[pose] "
-            "mends small errors; `gaussray prepare` finds the poses of the pictures anew."
-        )
+            text += self._reading_words
+        if focal is not None:
+            they, also = ("Then they", " also") if self.reading else ("They", "")
+            text += (
+                f"{they} fit ({focal.error:.1f} pixels) if the focal length is{also} "
+                f"{focal.words}. Correct the capture first; then fit.refine=[pose,lens] mends "
+                "small errors. "
+            )
+        if not self.reading and focal is None:
+            text += (
+                "Poses, lens or order may be those of other pictures, or two sides that look the "
+                "same were taken for one; what is fitted to them is blurred. fit.refine=[pose] "
+                "mends small errors; `gaussray prepare` finds the poses of the pictures anew."
+            )
+        return text.rstrip()
+
+    @property
+    def _reading_words(self) -> str:
+        """How the poses must be read, and how far that helps."""
+        source = self.near if self.near.reading else self.turned
+        error, remedy = source.others[self.reading], REMEDIES[self.reading]
+        if not source.reading:
+            return f"The poses seem to be {remedy}. "
+        if explains(error, source.error):
+            return f"They fit if the poses are {remedy}. "
+        text = f"They fit far better ({error:.1f} pixels) if the poses are {remedy}. "
+        if self.near.focal is None:
+            text += "Something else is off as well, such as the lens or single poses. "
+        return text
 
 
 def warn_of_wrong_poses(footage: Footage) -> None:
@@ -144,30 +194,62 @@ def pose_check(footage: Footage) -> PoseCheck:
     }
     seen: dict[int, _Details] = {}
 
-    def misfit(most_alike: float) -> Misfit:
-        matched = []
-        for pair in nearest_pairs(rotation, eye, most_alike):
-            for k in pair:
-                if k not in seen:
-                    seen[k] = _details(footage, int(chosen[k]))
-            matched.append((*pair, *_matches(seen[pair[0]], seen[pair[1]])))
+    def matches(most_alike: float) -> list[_Match]:
+        pairs = nearest_pairs(rotation, eye, most_alike)
+        for k in {view for pair in pairs for view in pair} - seen.keys():
+            seen[k] = _details(footage, int(chosen[k]))
+        return [_Match(i, k, *_matched(seen[i], seen[k])) for i, k in pairs]
+
+    def misfit(matched: list[_Match]) -> Misfit:
         errors = {
-            name: np.concatenate([_off_line(*poses, *match) for match in matched] or [np.zeros(0)])
-            for name, poses in readings.items()
+            name: np.concatenate([_off_line(turn, place, x) for x in matched] or [np.zeros(0)])
+            for name, (turn, place) in readings.items()
         }
         count = len(errors[""])
         medians = {name: float(np.median(x)) if count else 0.0 for name, x in errors.items()}
         return Misfit(count, medians.pop(""), medians)
 
-    return PoseCheck(misfit(1.0), misfit(TURNED_COSINE))
+    matched = matches(1.0)
+    found = PoseCheck(misfit(matched), misfit(matches(TURNED_COSINE)))
+    if found.near.matches < TELLING_MATCHES or not found.near.is_wrong(found.reading):
+        return found
+    lens = jax.tree.map(lambda x: x[chosen], footage.camera.lens)
+    pixels = [
+        MatchedPixels(x.first, x.second, x.one.pixel, x.other.pixel, x.one.step) for x in matched
+    ]
+    # Where no reading helps alone, one may with another focal length; as they are comes first.
+    for name in [found.reading] if found.reading else readings:
+        focal = focal_fit(lens, footage.film.width, pixels, *readings[name])
+        if focal and (name == found.reading or explains(focal.error, found.near.error)):
+            joint = "" if found.reading else name
+            return found._replace(near=found.near._replace(focal=focal, joint=joint))
+    return found
 
 
 class _Details(NamedTuple):
-    """Details of a picture: their viewing directions, descriptors, and the angle of a pixel."""
+    """Details of a picture: where they are, their viewing directions, descriptors, the pixels of
+    the picture that are one of the reduced picture, and the angle of that."""
 
+    pixel: Float[np.ndarray, "details 2"]
     ray: Float[np.ndarray, "details 3"]
     descriptor: UInt8[np.ndarray, "details 128"]
+    step: int
     angle: float
+
+    def part(self, index: Int[np.ndarray, " n"]) -> "_Details":
+        """Some of the details alone."""
+        return self._replace(
+            pixel=self.pixel[index], ray=self.ray[index], descriptor=self.descriptor[index]
+        )
+
+
+class _Match(NamedTuple):
+    """Which details of two views match."""
+
+    first: int
+    second: int
+    one: _Details
+    other: _Details
 
 
 def nearest_pairs(
@@ -203,7 +285,7 @@ def _details(footage: Footage, frame: int) -> _Details:
     try:
         sift.detect_and_extract(small)
     except RuntimeError:  # there is none
-        return _Details(np.zeros((0, 3)), np.zeros((0, 128), np.uint8), 1.0)
+        return _Details(np.zeros((0, 2)), np.zeros((0, 3)), np.zeros((0, 128), np.uint8), 1, 1.0)
     position = np.asarray(sift.positions)
     kept = np.ones(len(position), bool)
     if masks is not None:
@@ -219,9 +301,9 @@ def _details(footage: Footage, frame: int) -> _Details:
     pixel[-1, 0] += factor
     ray = np.asarray(_rays(lens, jnp.asarray(pixel, jnp.float32)), np.float64)
     angle = float(np.linalg.norm(ray[-1] - ray[-2])) or 1.0
-    ray = ray[: len(strongest)]
-    lit = np.any(ray != 0, axis=-1)
-    return _Details(ray[lit], np.asarray(sift.descriptors)[strongest][lit], angle)
+    lit = np.any(ray[: len(strongest)] != 0, axis=-1)
+    descriptor = np.asarray(sift.descriptors)[strongest]
+    return _Details(pixel[:-2], ray[:-2], descriptor, factor, angle).part(np.flatnonzero(lit))
 
 
 @kept_jit
@@ -229,14 +311,14 @@ def _rays(lens: AbstractLens, pixel: Float[Array, "details 2"]) -> Float[Array, 
     return jax.vmap(lens.direction)(pixel)
 
 
-def _matches(one: _Details, other: _Details) -> tuple[np.ndarray, np.ndarray, float]:
-    """Viewing directions in both cameras of the details that match, and the angle of a pixel."""
+def _matched(one: _Details, other: _Details) -> tuple[_Details, _Details]:
+    """The details of both that match, in the same order."""
     pairs: Int[np.ndarray, "matches 2"] = np.zeros((0, 2), int)
     if min(len(one.ray), len(other.ray)) > 1:
         pairs = match_descriptors(
             one.descriptor, other.descriptor, max_ratio=_RATIO, cross_check=True
         )
-    return one.ray[pairs[:, 0]], other.ray[pairs[:, 1]], (one.angle + other.angle) / 2
+    return one.part(pairs[:, 0]), other.part(pairs[:, 1])
 
 
 def _inverse(
@@ -252,13 +334,10 @@ def _inverse(
 def _off_line(
     rotation: Float[np.ndarray, "views 3 3"],
     eye: Float[np.ndarray, "views 3"],
-    first: int,
-    second: int,
-    ray: Float[np.ndarray, "matches 3"],
-    other: Float[np.ndarray, "matches 3"],
-    angle: float,
+    match: _Match,
 ) -> Float[np.ndarray, " matches"]:
     """Pixels between each detail of the second view and the plane of both cameras and the ray of
     the first."""
-    world = ray @ rotation[first].T, other @ rotation[second].T
-    return epipolar_angle(*world, eye[second] - eye[first]) / angle
+    first, second, one, other = match
+    world = one.ray @ rotation[first].T, other.ray @ rotation[second].T
+    return epipolar_angle(*world, eye[second] - eye[first]) * 2 / (one.angle + other.angle)

@@ -10,6 +10,7 @@ from gaussray.capture.errors import CaptureWarning
 from gaussray.capture.open import open_capture
 from gaussray.dataset.images import write_image
 from gaussray.reconstruct.checks import pose_check as checked
+from gaussray.reconstruct.checks.focal_check import FocalFit
 from gaussray.reconstruct.checks.pose_check import (
     REMEDIES,
     Misfit,
@@ -37,8 +38,9 @@ def looking(eye, at):
     return pose
 
 
-def scenery(count=6):
-    """Poses around a painted wall with a step in it, and what they see of it."""
+def scenery(count=6, nod=0.0):
+    """Poses around a painted wall with a step in it, and what they see of it; their target goes up
+    and down."""
     paint = gaussian_filter(np.random.default_rng(0).normal(size=(400, 400, 3)), (2, 2, 0))
     paint = np.clip(0.5 + 0.5 * paint / paint.std(), 0, 1)
     poses, pictures = [], []
@@ -46,7 +48,7 @@ def scenery(count=6):
     ray = np.stack([(column - W / 2) / FOCAL, (row - H / 2) / FOCAL, np.ones((H, W))], axis=-1)
     for angle in np.linspace(-0.5, 0.5, count):
         eye = np.array([3 * np.sin(angle), 0.5 * np.cos(5 * angle), 0.4 - 3 * np.cos(angle)])
-        pose = looking(eye, np.zeros(3))
+        pose = looking(eye, np.array([0, nod * np.sin(9 * angle), 0]))
         world = ray @ pose[:3, :3].T
         shown = np.zeros((H, W, 3))
         for depth, half in ((0.6, 9.0), (0.0, 0.7)):
@@ -65,16 +67,19 @@ def scenery(count=6):
 @pytest.fixture(scope="module")
 def shown(tmp_path_factory):
     """Seen pictures with poses that are written by a rule."""
-    poses, pictures = scenery()
+    same = scenery()
+    # Only pictures whose cameras turn up and down tell their focal length.
+    nodding = scenery(nod=0.5)
     root = tmp_path_factory.mktemp("poses")
 
-    def lay(name, written):
+    def lay(name, written, focal=FOCAL):
+        poses, pictures = same if focal == FOCAL else nodding
         folder = root / name
         frames = []
         for k, pose in enumerate(poses):
             write_image(folder / f"{k}.png", pictures[k])
             frames.append({"file_path": f"{k}.png", "transform_matrix": written(pose).tolist()})
-        document = {"w": W, "h": H, "fl_x": FOCAL, "fl_y": FOCAL, "cx": W / 2, "cy": H / 2}
+        document = {"w": W, "h": H, "fl_x": focal, "fl_y": focal, "cx": W / 2, "cy": H / 2}
         document |= {"static": True, "split": "train", "frames": frames}
         (folder / "transforms.json").write_text(json.dumps(document))
         return footage(training_views(open_capture(folder)), side=8, bundle=8)
@@ -112,6 +117,55 @@ def test_pictures_that_look_elsewhere_tell_axes_where_neighbours_do_not():
     # Few matches, or another reading that is hardly better, tell nothing.
     assert PoseCheck(alike, turned._replace(matches=29)).sentence == ""
     assert PoseCheck(alike, turned._replace(error=2.6)).sentence == ""
+
+
+@pytest.mark.parametrize("factor", [0.7, 1.4])
+def test_a_focal_length_that_is_wrong_for_all_pictures_is_told(shown, factor):
+    found = pose_check(shown(f"long{factor}", WRITTEN[""], FOCAL / factor))
+    assert found.near.focal is not None and found.reading == ""
+    assert found.near.focal.factor == pytest.approx(factor, rel=0.03)
+    assert found.near.focal.error < 2 * PIXELS
+    assert f"if the focal length is {found.near.focal.words}. Correct" in found.sentence
+    assert "fit.refine=[pose] mends" not in found.sentence
+
+
+@pytest.mark.parametrize("reading", REMEDIES)
+def test_wrong_axes_are_told_with_a_wrong_lens(shown, reading):
+    found = pose_check(shown(f"both_{reading}", WRITTEN[reading], FOCAL / 0.8))
+    assert found.near.reading == found.turned.reading == ""
+    assert found.reading == reading and found.near.focal is not None
+    assert found.near.focal.factor == pytest.approx(0.8, rel=0.03)
+    assert f"The poses seem to be {REMEDIES[reading]}. Then they fit (0." in found.sentence
+    assert f"if the focal length is also {found.near.focal.words}." in found.sentence
+
+
+def test_other_axes_that_fit_far_better_are_told_honestly():
+    nothing = Misfit(0, 0.0, dict.fromkeys(REMEDIES, 0.0))
+    near = Misfit(189, 27.0, {**dict.fromkeys(REMEDIES, 20.0), "opencv": 3.6})
+    found = PoseCheck(near, nothing)
+    assert found.reading == "opencv"
+    assert "They fit far better (3.6 pixels) if the poses are camera-to-world" in found.sentence
+    assert "Something else is off as well" in found.sentence
+    focal = FocalFit(0.85, 0.7, 585.0, 640)
+    both = PoseCheck(near._replace(focal=focal), nothing).sentence
+    assert "Something else" not in both
+    assert f"Then they fit (0.7 pixels) if the focal length is also {focal.words}." in both
+    # Few matches, errors within the limits, readings that are hardly worse, or a bad best one.
+    for less in (
+        near._replace(matches=29),
+        near._replace(matches=60, error=3.9),
+        near._replace(others={**near.others, "inverse": 10.0}),
+        near._replace(error=60.0, others={**dict.fromkeys(REMEDIES, 50.0), "opencv": 5.1}),
+    ):
+        assert PoseCheck(less, nothing).reading == ""
+
+
+def test_nothing_is_tried_below_the_limits(shown, monkeypatch):
+    def never(*_):
+        raise AssertionError
+
+    monkeypatch.setattr(checked, "focal_fit", never)
+    assert pose_check(shown("fine", WRITTEN[""])).near.focal is None
 
 
 def test_turned_pairs_leave_out_views_that_look_the_same_way():
