@@ -31,7 +31,7 @@ MOST_USED = {
     "demo": "out capture.path fit.fine render.samples",
     "prepare": (
         "sync.method sync.offsets frames.rate frames.span frames.readout frames.instants "
-        "poses.calibration poses.model poses.intrinsics poses.fov poses.rig"
+        "poses.calibration poses.lens poses.model poses.intrinsics poses.fov poses.rig"
     ),
     "reconstruct": (
         "out resume capture.frames capture.scale capture.test fit.minutes fit.motion fit.start "

@@ -1,7 +1,7 @@
 """Builds typed options from the groups of a configuration."""
 
 import dataclasses
-from typing import Any, TypeVar, get_args
+from typing import Any, TypeVar, get_args, get_origin
 
 import equinox as eqx
 from omegaconf import OmegaConf
@@ -49,7 +49,8 @@ def field_value(field: dataclasses.Field, value: Any, key: str) -> Any:
 
     Args:
         field: the field, whose default gives the type. With the default None the value may be None,
-            or of the first type in the field's annotation. A field of numbers and texts takes both.
+            or of the first type in the field's annotation. A field of numbers and texts takes both,
+            and so does one of texts and lists of numbers (`str | tuple[float, ...]`).
         value: the value; a list where the field is a tuple.
         key: full name of the key (`lens.fov`), for messages.
 
@@ -57,6 +58,8 @@ def field_value(field: dataclasses.Field, value: Any, key: str) -> Any:
         ValueError: the value, or what is in its list, is of another type.
     """
     types = get_args(field.type)
+    if isinstance(value, list) and str in types and any(get_origin(t) is tuple for t in types):
+        return tuple(_numbers(value, key))
     if isinstance(value, list) and float in types:
         value = _numbers(value, key)
     if isinstance(value, list) and str in types:

@@ -111,15 +111,12 @@ def _trust_start_focal(database: Path) -> None:
             db.update_camera(camera)
 
 
-def set_lenses(
-    database: Path, lenses: dict[str, LensKeyValues], camera_of_file: dict[str, str]
-) -> None:
+def set_lenses(database: Path, lenses: dict[str, LensKeyValues]) -> None:
     """Replace the intrinsics of a database by known ones, which then are not estimated.
 
     Args:
         database: COLMAP database that lists the pictures.
-        lenses: lens of each camera.
-        camera_of_file: camera of each file in the database.
+        lenses: lens of each file; files of one camera in the database have one lens.
     """
     colmap = pycolmap()
     with colmap.Database.open(database) as db:
@@ -128,8 +125,7 @@ def set_lenses(
             if image.camera_id in seen:
                 continue
             seen.add(image.camera_id)
-            lens = lenses[camera_of_file[image.name]]
-            db.update_camera(known_camera(lens, image.camera_id))
+            db.update_camera(known_camera(lenses[image.name], image.camera_id))
 
 
 def known_camera(lens: LensKeyValues, number: int) -> Any:

@@ -7,21 +7,17 @@ import tempfile
 import threading
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
-
-import numpy as np
-from jaxtyping import Float
+from typing import Any, Literal
 
 from gaussray.prepare.colmap import pycolmap
 from gaussray.prepare.errors import PrepareError
-from gaussray.prepare.features import known_camera
 from gaussray.prepare.focal_length import (
     adjusted_reconstruction,
     expected_focal_lengths,
     settled_focal_length,
 )
 from gaussray.prepare.lens_check import lens_complaint
-from gaussray.prepare.lens_models import MODEL_OF_CHOICE, LensKeyValues, from_colmap
+from gaussray.prepare.lens_models import MODEL_OF_CHOICE, from_colmap
 from gaussray.prepare.missing_poses import (
     FIRST_PAIR,
     MOSTLY_FLAT,
@@ -31,6 +27,7 @@ from gaussray.prepare.missing_poses import (
 )
 from gaussray.prepare.options import PosesOptions
 from gaussray.prepare.sparse_model import SparseModel, sparse_model_of
+from gaussray.prepare.triangulation import ANY_COEFFICIENT
 from gaussray.runtime.output import counted
 from gaussray.runtime.progress import Progress, say
 from gaussray.runtime.side_by_side import GivenUp
@@ -93,13 +90,33 @@ def estimate_poses(
         found = _better(found, _reconstruction(database, pictures, options), total)
     if again and options.model != "opencv_fisheye" and _is_poor(found, total):
         say("Few pictures have a pose: once more with a focal length that is learnt last.")
-        held = _reconstruction(database, pictures, options, hold_focal=True)
+        held = _reconstruction(database, pictures, options, fixed="focal")
         found = _better(_better(found, held, total), adjusted_reconstruction(held), total)
     if found is None:
         raise PrepareError(missing_poses_reason(database, still))
     expected = expected_focal_lengths(database, options)
     settled, source = settled_focal_length(found, expected)
     return dataclasses.replace(sparse_model_of(settled), focal_source=source)
+
+
+def poses_with_given_lenses(
+    database: Path, pictures: Path, options: PosesOptions, still: bool = False
+) -> SparseModel:
+    """Poses and points of cameras whose lenses, those of the database, stay as they are.
+
+    Args:
+        database: features, verified matches, and known lenses (`set_lenses`).
+        pictures: folder of the pictures.
+        options: seed.
+        still: whether pictures hold the features of several timestamps of a camera.
+
+    Raises:
+        PrepareError: No poses or no points are found; the message says why.
+    """
+    found = _reconstruction(database, pictures, options, fixed="lens")
+    if found is None:
+        raise PrepareError(missing_poses_reason(database, still))
+    return dataclasses.replace(sparse_model_of(found), focal_source="lens")
 
 
 def _better(first: Any, other: Any, total: int) -> Any:
@@ -190,18 +207,31 @@ class _Attempts:
 
 
 def _reconstruction(
-    database: Path, pictures: Path, options: PosesOptions, hold_focal: bool = False
+    database: Path,
+    pictures: Path,
+    options: PosesOptions,
+    fixed: Literal["", "focal", "lens"] = "",
 ) -> Any:
-    """The reconstruction with most pictures; None if there is none with points and parallax."""
+    """The reconstruction with most pictures; None if there is none with points and parallax. Focal
+    lengths or whole lenses may stay fixed."""
     colmap = pycolmap()
     mapping = colmap.IncrementalPipelineOptions()
     mapping.min_model_size = _LEAST
     mapping.extract_colors = False
     mapping.random_seed = options.seed
     mapping.mapper.init_min_num_inliers = FIRST_PAIR
-    mapping.ba_refine_focal_length = not hold_focal
+    mapping.ba_refine_focal_length = not fixed
     with colmap.Database.open(database) as db:
         total = db.num_images()
+        cameras = {camera.camera_id for camera in db.read_all_cameras()}
+    if fixed == "lens":
+        mapping.constant_cameras = mapping.mapper.constant_cameras = cameras
+        mapping.ba_refine_extra_params = False
+        mapping.mapper.abs_pose_refine_focal_length = False
+        mapping.mapper.abs_pose_refine_extra_params = False
+        # Known coefficients may be larger than those that are believed of an estimate.
+        mapping.max_extra_param = mapping.mapper.max_extra_param = ANY_COEFFICIENT
+        mapping.triangulation.max_extra_param = ANY_COEFFICIENT
     if total == 2:
         mapping.triangulation.ignore_two_view_tracks = False
         mapping.mapper.init_min_tri_angle = _PAIR_ANGLE
@@ -221,53 +251,3 @@ def _reconstruction(
     seen = best.compute_num_observations() if best is not None else 0
     # A camera that only turns gets arbitrary poses, with hardly a point.
     return None if best is None or not seen or lacks_parallax(database, seen) else best
-
-
-# Largest coefficient of a lens that is known: no limit.
-_ANY = 1e12
-
-
-def triangulate(
-    database: Path,
-    pictures: Path,
-    poses: dict[str, Float[np.ndarray, "3 4"]],
-    lenses: dict[str, LensKeyValues],
-    most_error: float,
-) -> SparseModel:
-    """Points from matches and known cameras, which stay as they are.
-
-    Args:
-        database: keypoints and verified matches.
-        pictures: folder of the pictures.
-        poses: world to camera [3, 4] by file.
-        lenses: lens by file.
-        most_error: observations farther than this many pixels from their point are dropped.
-    """
-    colmap = pycolmap()
-    reconstruction = colmap.Reconstruction()
-    with colmap.Database.open(database) as db:
-        for name, pose in poses.items():
-            image = db.read_image_with_name(name)
-            if image.camera_id not in reconstruction.cameras:
-                camera = known_camera(lenses[name], image.camera_id)
-                reconstruction.add_camera_with_trivial_rig(camera)
-            placed = colmap.Image(name=name, camera_id=image.camera_id, image_id=image.image_id)
-            rotation = colmap.Rotation3d(np.ascontiguousarray(pose[:, :3]))
-            reconstruction.add_image_with_trivial_frame(
-                placed, colmap.Rigid3d(rotation, pose[:, 3])
-            )
-    options = colmap.IncrementalPipelineOptions()
-    options.extract_colors = False
-    # Points of two views are kept: few cameras see a point three times.
-    options.triangulation.ignore_two_view_tracks = False
-    # Lenses are known: COLMAP leaves out cameras with a coefficient above 1 otherwise, as OpenCV's
-    # calibrations have them (k3).
-    options.max_extra_param = options.triangulation.max_extra_param = _ANY
-    options.mapper.filter_max_reproj_error = most_error
-    options.triangulation.complete_max_reproj_error = most_error
-    options.triangulation.merge_max_reproj_error = most_error
-    with tempfile.TemporaryDirectory() as out:
-        result = colmap.triangulate_points(
-            reconstruction, database, pictures, out, options=options, refine_intrinsics=False
-        )
-    return sparse_model_of(result)

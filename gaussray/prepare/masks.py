@@ -1,8 +1,10 @@
 """Masks of photographs: which file beside the pictures it is, and where it goes in a capture."""
 
+import functools
+import re
 import shutil
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,37 +15,55 @@ from gaussray.capture.mask_folder import MASK_FOLDER, mask_in
 from gaussray.capture.orientation import stored_orientation, upright_pixels
 from gaussray.capture.picture_file import open_image, picture_size, read_levels
 from gaussray.dataset.images import write_image
-from gaussray.prepare.photographs import HEIC_SUFFIXES
+from gaussray.prepare.errors import PrepareError
+from gaussray.prepare.input_files import files_in
+from gaussray.prepare.photographs import HEIC_SUFFIXES, PHOTOGRAPH_SUFFIXES
 from gaussray.prepare.sources import Source
 from gaussray.prepare.timeline import Timeline
+from gaussray.runtime.output import counted
 from gaussray.runtime.progress import say
 
 
 _FOLDERS = (MASK_FOLDER, "mask")
+# What a mask may have behind the name of its picture: a_mask.png, a.mask.png.
+_MARK = re.compile(r"[ ._-]masks?$")
+# The masks of a folder by the names of their pictures without suffix, in small letters.
+MarkedMasks = dict[str, Path]
 
 
-def copy_masks(sources: Sequence[Source], timeline: Timeline, files: dict[str, list[Path]]) -> None:
+def copy_masks(
+    sources: Sequence[Source],
+    timeline: Timeline,
+    files: dict[str, list[Path]],
+    *,
+    needed: bool = False,
+) -> None:
     """Put the masks of photographs into a capture, as `masks/CAMERA/a.jpg.png` of
     `images/CAMERA/a.jpg`, upright as the pictures are; white pixels count.
 
     A line says how many pictures have one, a warning how many masks have another size than their
-    picture, which are left out.
+    picture, which are left out, or that a folder of masks has none of these pictures.
 
     Args:
         sources: the cameras.
         timeline: the frames that are used.
         files: for each camera the copied picture of each timestamp.
+        needed: whether there must be a mask (`poses.masks`).
+
+    Raises:
+        PrepareError: A mask is needed, and no picture has one.
     """
     found, wrong, count = 0, [], 0
     # Pictures of one folder have names of their own, also if these say several cameras.
     alone = len({path.parent for source in sources for path in source.pictures}) == 1
     alone = alone and not any(source.is_video for source in sources)
+    marked = functools.cache(marked_masks)
     for source in sources:
         for i, copy in zip(timeline.frames[source.name], files[source.name], strict=True):
             if source.is_video:
                 continue
             target = written_mask(copy)
-            mask = mask_of(source.pictures[i], alone=alone)
+            mask = mask_of(source.pictures[i], alone=alone, marked=marked)
             levels = None if mask is None else _levels(mask, source.pictures[i], copy)
             count += 1
             if levels is not None:
@@ -62,6 +82,54 @@ def copy_masks(sources: Sequence[Source], timeline: Timeline, files: dict[str, l
             CaptureWarning,
             stacklevel=2,
         )
+    if not found:
+        _tell_none(sources, alone, needed, bool(wrong))
+
+
+def _tell_none(sources: Sequence[Source], alone: bool, needed: bool, wrong: bool) -> None:
+    """Warn of a folder of masks that has none of the pictures; refuse that masks are needed.
+
+    Args:
+        sources: the cameras.
+        alone: whether all pictures are in one folder.
+        needed: whether there must be a mask.
+        wrong: whether there are masks of another size, which are told already.
+    """
+    first = next((source.pictures[0] for source in sources if source.pictures), None)
+    expected = None if first is None else _expected_mask(first, alone)
+    if needed:
+        remedy = (
+            "Videos have none: write their frames as pictures, or set poses.masks=false."
+            if expected is None
+            else f"The mask of {first} would be {expected}. Put it there, or set poses.masks=false."
+        )
+        reason = "none of the size of its picture" if wrong else "none"
+        raise PrepareError(f"poses.masks=true needs masks of the pictures, got {reason}. {remedy}")
+    if expected is None or wrong:
+        return
+    # Files of several cameras may lie beside the folder of this one's masks.
+    further = expected.parent.parent
+    homes = [expected.parent, *([further] if further.name in _FOLDERS else [])]
+    homes = [home for home in homes if home.is_dir()]
+    if masks := [path for home in homes for path in files_in(home, PHOTOGRAPH_SUFFIXES)]:
+        warnings.warn(
+            f"{masks[0].parent}: no picture has its name in {counted(len(masks), 'file')}, such as "
+            f"{masks[0].name}, so no mask is used. That of {first} would be {expected}.",
+            CaptureWarning,
+            stacklevel=3,
+        )
+
+
+def _expected_mask(picture: Path, alone: bool) -> Path:
+    """A file that would be the mask of a picture, in the folder of masks that there is."""
+    camera = picture.parent
+    homes = [place / name for place in (camera, camera.parent) for name in _FOLDERS]
+    homes += [] if alone else [camera.parent.parent / name for name in _FOLDERS]
+    default = camera.parent / MASK_FOLDER
+    home = next((home for home in homes if home.is_dir() and home != camera), default)
+    if not alone and home.parent != camera:
+        home = home / camera.name
+    return home / f"{picture.stem}.png"
 
 
 def written_mask(copy: Path) -> Path:
@@ -101,26 +169,46 @@ def write_matching_masks(
             write_image(folder / f"{name}.png", np.full((height, width, 3), 255, np.uint8))
 
 
-def mask_of(picture: Path, *, alone: bool) -> Path | None:
+def marked_masks(folder: Path) -> MarkedMasks:
+    """The masks of a folder that are called as their picture and `_mask` or `.mask`, in letters of
+    any case, by the picture's name without suffix in small letters.
+
+    Args:
+        folder: a folder of masks, which may not exist.
+    """
+    files = files_in(folder, PHOTOGRAPH_SUFFIXES) if folder.is_dir() else []
+    stems = {path: path.stem.lower() for path in files}
+    return {_MARK.sub("", s): path for path, s in stems.items() if _MARK.search(s)}
+
+
+def mask_of(
+    picture: Path, *, alone: bool, marked: Callable[[Path], MarkedMasks] = marked_masks
+) -> Path | None:
     """The mask of a picture, by its name; None if there is none.
 
-    That of `images/a.jpg` is `masks/a.png`, `masks/a.jpg.png` or `masks/a.jpg`, beside the folder
-    of the pictures; that of `cam01/a.jpg` is in `masks/cam01/`, beside the camera's folder or one
-    further up. Or they are in a folder `masks/` within that of the pictures. `mask/` serves as well
-    as `masks/`.
+    That of `images/a.jpg` is `masks/a.png`, `masks/a.jpg.png`, `masks/a.jpg`, `masks/a_mask.png`
+    or `masks/a.mask.png`, beside the folder of the pictures; that of `cam01/a.jpg` is in
+    `masks/cam01/`, beside the camera's folder or one further up. Or they are in a folder `masks/`
+    within that of the pictures. `mask/` serves as well as `masks/`.
 
     Args:
         picture: a photograph.
         alone: whether all pictures are in one folder; masks without a folder of a camera are not
             those of one of several folders.
+        marked: `marked_masks`, or the same with a memory, for many pictures of one folder.
     """
     camera = picture.parent
     homes = [camera.parent / name / camera.name for name in _FOLDERS]
     homes += [camera.parent.parent / name / camera.name for name in _FOLDERS]
     homes += [camera / name for name in _FOLDERS]
     homes += [camera.parent / name for name in _FOLDERS if alone]
-    found = (mask_in(home, picture.name) for home in homes if home != camera)
-    return next((mask for mask in found if mask is not None), None)
+    names = picture.stem.lower(), picture.name.lower()
+    for home in (home for home in homes if home != camera):
+        if (mask := mask_in(home, picture.name)) is not None:
+            return mask
+        if mask := next((marked(home)[name] for name in names if name in marked(home)), None):
+            return mask
+    return None
 
 
 def _levels(mask: Path, picture: Path, copy: Path) -> UInt8[np.ndarray, "h w 3"] | None:

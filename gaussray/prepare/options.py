@@ -6,6 +6,8 @@ import equinox as eqx
 METHODS = ("auto", "sound", "motion", "none")
 LENS_MODELS = ("pinhole", "radial", "opencv", "opencv_fisheye")
 INTRINSICS_CHOICES = ("auto", "shared", "own")
+# fx fy cx cy alone, and with OpenCV's four, five or eight coefficients.
+_LENS_NUMBERS = (4, 8, 9, 12)
 RIGS = ("auto", "still", "moving")
 
 
@@ -77,6 +79,10 @@ class PosesOptions(eqx.Module):
             coefficient), `opencv` (two focal lengths, four coefficients) or `opencv_fisheye`.
         intrinsics: whether the cameras have `shared` or `own` intrinsics; `auto` shares them
             between cameras whose pictures have one size.
+        lens: known lens of cameras whose poses are estimated, which then stays as it is: a file
+            with one lens, or with one for each camera by name, or fx, fy, cx, cy in pixels and up
+            to eight distortion coefficients k1, k2, p1, p2, k3, ... as OpenCV has them (the middle
+            of the first pixel is at 0, 0); None estimates it.
         fov: rough horizontal field of view in degrees to start from; 0 is unknown.
         rig: whether the cameras stand `still` or are `moving`; `auto` looks at the pictures.
         features: most SIFT features of a picture.
@@ -88,6 +94,7 @@ class PosesOptions(eqx.Module):
     calibration: str = eqx.field(static=True, default="")
     model: str = eqx.field(static=True, default="radial")
     intrinsics: str = eqx.field(static=True, default="auto")
+    lens: str | tuple[float, ...] | None = eqx.field(static=True, default=None)
     fov: float = eqx.field(static=True, default=0.0)
     rig: str = eqx.field(static=True, default="auto")
     features: int = eqx.field(static=True, default=8192)
@@ -101,6 +108,17 @@ class PosesOptions(eqx.Module):
         limit = 360 if self.model == "opencv_fisheye" else 180
         if not 0 <= self.fov < limit:
             raise ValueError(f"poses.fov must be in [0, {limit}) degrees, got {self.fov}.")
+        if isinstance(self.lens, tuple) and len(self.lens) not in _LENS_NUMBERS:
+            raise ValueError(
+                "poses.lens must be a file or the numbers [fx,fy,cx,cy], with k1,k2,p1,p2 after "
+                f"them, then k3, or k3 to k6, got {len(self.lens)} numbers."
+            )
+        if self.lens is not None and (self.calibration or self.fov):
+            other = "calibration" if self.calibration else "fov"
+            raise ValueError(
+                f"poses.lens must be null with poses.{other}, which tells the lens as well, got "
+                f"both. Leave one of them out."
+            )
 
 
 class PrepareOptions(eqx.Module):

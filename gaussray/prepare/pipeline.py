@@ -24,6 +24,7 @@ from gaussray.prepare.findings.exposures import exposure_findings
 from gaussray.prepare.findings.finding import Finding
 from gaussray.prepare.findings.lenses import lens_findings
 from gaussray.prepare.findings.points import point_findings
+from gaussray.prepare.given_lens import given_lenses
 from gaussray.prepare.masks import copy_masks
 from gaussray.prepare.media import copy_media
 from gaussray.prepare.options import PrepareOptions
@@ -32,7 +33,13 @@ from gaussray.prepare.poses import Placement, find_poses
 from gaussray.prepare.sources import Source, find_sources
 from gaussray.prepare.stray_poses import without_strays
 from gaussray.prepare.sync import Sync, synchronise
-from gaussray.prepare.timeline import Timeline, common_timeline, resampled, thinned_timeline
+from gaussray.prepare.timeline import (
+    Timeline,
+    common_timeline,
+    resampled,
+    tell_assumed_rate,
+    thinned_timeline,
+)
 from gaussray.runtime.progress import say
 
 
@@ -67,19 +74,24 @@ def prepare_capture(
     sources, known, remarks = _calibrated(find_sources(videos), options)
     if known is None:
         check_details(sources)
+    lenses = None
+    if options.poses.lens is not None:
+        lenses, resized = given_lenses(options.poses.lens, sources)
+        remarks = [*remarks, *resized]
     sync = synchronise(sources, options.sync)
     timeline = common_timeline(sources, sync, options.frames)
+    tell_assumed_rate(sources, timeline, options.frames)
     if len(sources) == 1 and not options.frames.rate and resampled(sources, timeline):
         used, count = len(timeline.times), sources[0].count
         say(f"{sources[0].name}: {used} of {count} frames are used; frames.rate takes others.")
     # Pictures are about to be replaced: the poses of an earlier run must not stay beside them.
     (out / PINHOLE_FILE).unlink(missing_ok=True)
     files = copy_media(sources, timeline, out)
-    copy_masks(sources, timeline, files)
+    copy_masks(sources, timeline, files, needed=options.poses.masks)
     out.mkdir(parents=True, exist_ok=True)
     folder = tempfile.TemporaryDirectory(dir=out, prefix=".prepare")
     with panels_in_errors(sources), folder as work, quiet_colmap():
-        placement = find_poses(sources, timeline, files, known, Path(work), options)
+        placement = find_poses(sources, timeline, files, known, Path(work), options, lenses)
         files = {name: own[:: placement.stride] for name, own in files.items()}
         placement, strays = without_strays(placement, files)
         # All timestamps tell how well the clocks agree.

@@ -14,13 +14,15 @@ from gaussray.prepare.calibrations.known_camera import KnownCamera
 from gaussray.prepare.calibrations.same_poses import pairs_of_one_pose
 from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.features import Keypoints, MatchingPicture
-from gaussray.prepare.mapping import estimate_poses, triangulate, verify
+from gaussray.prepare.given_lens import LensesBySize
+from gaussray.prepare.mapping import estimate_poses, poses_with_given_lenses, verify
 from gaussray.prepare.masks import write_matching_masks
 from gaussray.prepare.media import write_matching_pictures
 from gaussray.prepare.options import PrepareOptions
 from gaussray.prepare.sources import Source
 from gaussray.prepare.sparse_model import SparseModel
 from gaussray.prepare.timeline import Timeline, moving_stride, thinned_timeline
+from gaussray.prepare.triangulation import triangulate
 from gaussray.runtime.output import first_of
 from gaussray.runtime.progress import say
 
@@ -67,6 +69,7 @@ def find_poses(
     known: dict[str, KnownCamera] | None,
     work: Path,
     options: PrepareOptions,
+    lenses: LensesBySize | None = None,
 ) -> Placement:
     """Poses, lenses and points of the cameras.
 
@@ -81,15 +84,19 @@ def find_poses(
         known: calibrated cameras, None to estimate them.
         work: folder for pictures and databases of COLMAP.
         options: options of the frames and of the poses.
+        lenses: lenses that are known and stay as they are where poses are estimated, None to
+            estimate them, too.
 
     Raises:
         PrepareError: The pictures do not share enough, or demand what they cannot have.
     """
     everyone = frozenset(source.name for source in sources)
+    if known is not None:
+        lenses = {(s.name, size): known[s.name].lens for s in sources for size in s.sizes}
     still, written = _known_still(everyone, timeline, known, options), None
     if still is None:
         written = _write_pictures(sources, timeline, files, everyone, work, options)
-        _extract(work, written, known, options)
+        _extract(work, written, lenses, options)
         still = _still_cameras(work / _FEATURES, written, options)
         _tell_rig(sorted(still), sorted(everyone - still))
     if known is not None and still < everyone:
@@ -108,8 +115,8 @@ def find_poses(
         # Other files, with other numbers, than those that told which cameras stand still.
         work = work / "placed"
         written = _write_pictures(sources, timeline, files, still, work, options)
-        _extract(work, written, known, options)
-    placement = _placed(work, written, still, known, options)
+        _extract(work, written, lenses, options)
+    placement = _placed(work, written, still, known, options, lenses is not None)
     return dataclasses.replace(placement, stride=stride)
 
 
@@ -180,14 +187,14 @@ def _write_pictures(
 def _extract(
     work: Path,
     written: Sequence[MatchingPicture],
-    known: dict[str, KnownCamera] | None,
+    lenses: LensesBySize | None,
     options: PrepareOptions,
 ) -> None:
-    own = known is not None or options.poses.intrinsics == "own"
+    own = lenses is not None or options.poses.intrinsics == "own"
     groups: dict[tuple, list[MatchingPicture]] = {}
     for picture in written:
         groups.setdefault((picture.camera * own, picture.size), []).append(picture)
-    if options.poses.intrinsics == "shared" and len(groups) > 1:
+    if lenses is None and options.poses.intrinsics == "shared" and len(groups) > 1:
         sizes = ", ".join(f"{w} x {h}" for _, (w, h) in groups)
         raise PrepareError(
             f"poses.intrinsics must be own or auto for pictures of several sizes, got shared and "
@@ -198,9 +205,8 @@ def _extract(
     features.extract_features(
         database, work, list(groups.values()), options.poses, masks if masks.is_dir() else None
     )
-    if known is not None:
-        lenses = {name: camera.lens for name, camera in known.items()}
-        features.set_lenses(database, lenses, {p.file: p.camera for p in written})
+    if lenses is not None:
+        features.set_lenses(database, {p.file: lenses[p.camera, p.size] for p in written})
 
 
 def _still_cameras(
@@ -244,6 +250,7 @@ def _placed(
     still: frozenset[str],
     known: dict[str, KnownCamera] | None,
     options: PrepareOptions,
+    lenses_given: bool,
 ) -> Placement:
     """Match, merge the timestamps of cameras that stand still, and find poses or points."""
     database, seed = work / _FEATURES, options.poses.seed
@@ -262,7 +269,8 @@ def _placed(
         database = merged
     pictures = {picture.file: picture for picture in written if picture.file in keypoints}
     if known is None:
-        model = estimate_poses(database, work, options.poses, len(pictures) < len(written))
+        find = poses_with_given_lenses if lenses_given else estimate_poses
+        model = find(database, work, options.poses, len(pictures) < len(written))
     else:
         cameras = {file: known[picture.camera] for file, picture in pictures.items()}
         widest = max(camera.lens["w"] for camera in cameras.values())

@@ -2,7 +2,6 @@
 
 import dataclasses
 import warnings
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +24,12 @@ from gaussray.prepare.input_files import (
 from gaussray.prepare.names_of_cameras import pictures_by_camera
 from gaussray.prepare.panels.find import warn_of_panels
 from gaussray.prepare.photographs import PHOTOGRAPH_SUFFIXES, photograph_size
+from gaussray.prepare.unused_inputs import (
+    check_one_video,
+    tell_deeper,
+    warn_of_unused,
+    without_fewer,
+)
 from gaussray.runtime.output import counted, first_of
 from gaussray.runtime.progress import say
 
@@ -126,15 +131,15 @@ def find_sources(folder: Path | str) -> list[Source]:
     videos, beside = files_in(folder, VIDEO_SUFFIXES), photographs_in(folder)
     inside = camera_folders(folder, alone=not videos and not beside)
     if not videos:
-        inside = _without_fewer(folder, beside, inside)
+        inside = without_fewer(folder, beside, inside)
     sources = [_video(path.stem, path) for path in videos]
     # Photographs in one folder alone are of a single camera, unless their names say several.
     alone = not videos and sum(bool(files_in(p, MEDIA_SUFFIXES)) for p in inside) == 1
-    _check_one_video(inside)
+    check_one_video(inside)
     for inner in inside:
         sources += _inner_sources(inner, alone)
     if sources and beside:
-        _warn_of_unused(folder, beside, [source.name for source in sources])
+        warn_of_unused(folder, beside, [source.name for source in sources])
     sources = sources or _photographs(folder, beside)
     unread = [path.name for place in (folder, *inside) for path in unread_files(place)]
     if sources and unread:
@@ -144,6 +149,7 @@ def find_sources(folder: Path | str) -> list[Source]:
             "are meant."
         )
     _check_sources(folder, sources, unread)
+    tell_deeper(folder, inside)
     _warn_of_counts(folder, sources)
     return _told_of_panels(sorted(sources, key=lambda source: natural_order(Path(source.name))))
 
@@ -196,31 +202,6 @@ def _warn(text: str) -> None:
     warnings.warn(text, CaptureWarning, stacklevel=4)
 
 
-def _without_fewer(folder: Path, beside: list[Path], inside: list[Path]) -> list[Path]:
-    """The subfolders, or none with a warning if they hold fewer pictures than lie beside them."""
-    held = [path for path in inside if files_in(path, MEDIA_SUFFIXES)]
-    count = sum(len(files_in(path, PHOTOGRAPH_SUFFIXES)) for path in held)
-    if not held or len(beside) <= count or any(files_in(path, VIDEO_SUFFIXES) for path in held):
-        return inside
-    folders = first_of([path.name for path in held])
-    _warn(
-        f"videos={folder}: the {len(beside)} pictures in this folder are used, and not the {count} "
-        f"in its folder{'s' * (len(held) != 1)} {folders}. If those are meant, name their folder; "
-        "if both are, move the others into a folder of their own."
-    )
-    return []
-
-
-def _warn_of_unused(folder: Path, beside: list[Path], names: list[str]) -> None:
-    one = len(beside) == 1
-    _warn(
-        f"videos={folder}: {counted(len(beside), 'picture')} beside "
-        f"{counted(len(names), 'camera')} ({first_of(names)}) {'is' if one else 'are'} not used. "
-        f"If {'it is' if one else 'they are'} meant, move {'it' if one else 'them'} into a folder "
-        "of their own."
-    )
-
-
 def _video(name: str, path: Path) -> Source:
     if not path.stat().st_size:
         raise PrepareError(f"{path}: the video is an empty file. Copy it again, or take it away.")
@@ -253,27 +234,6 @@ def check_frames(source: Source, decoded: int) -> None:
             f"{source.path}: the video must hold a picture for each of its {source.count} times, "
             f"got {decoded} pictures. Encode it again: `ffmpeg -i IN -c:v libx264 OUT.mp4`."
         )
-
-
-def _check_one_video(inside: Sequence[Path]) -> None:
-    """Refuse folders of cameras of which one holds several videos."""
-    names = {path: [p.name for p in files_in(path, VIDEO_SUFFIXES)] for path in inside}
-    names = {path: own for path, own in names.items() if own}
-    several = next((path for path, own in names.items() if len(own) > 1), None)
-    if several is None:
-        return
-    common = [name for name in names[several] if all(name in own for own in names.values())]
-    if len(names) == 1:
-        remedy = f"If each is a camera, set videos={several}; else leave one of them there"
-    elif common:
-        choice = " or ".join(filter(None, [", ".join(common[:-1]), common[-1]]))
-        remedy = f"Leave {choice} alone in each folder, whichever shows the scene"
-    else:
-        remedy = "Leave one of them, that shows the scene, in each folder"
-    raise PrepareError(
-        f"{several}: the folder of a camera must hold one video, got {', '.join(names[several])}. "
-        f"{remedy}, and move the others out of the input."
-    )
 
 
 def _inner_sources(inner: Path, alone: bool) -> list[Source]:

@@ -45,8 +45,9 @@ class SparseModel:
         lenses: lens of each, keys of a capture's JSON.
         points: points in world space.
         observations: where they are seen.
-        focal_source: what tells the focal lengths: a `calibration`, the `pictures`, what was
-            `expected` before (`poses.fov`, EXIF), or nothing: a `guess`.
+        focal_source: what tells the focal lengths: a `calibration`, a `lens` that was given
+            (`poses.lens`), the `pictures`, what was `expected` before (`poses.fov`, EXIF), or
+            nothing: a `guess`.
     """
 
     pictures: list[str]

@@ -10,6 +10,8 @@ from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.options import FramesOptions
 from gaussray.prepare.sources import Source
 from gaussray.prepare.sync import Sync
+from gaussray.runtime.output import first_of
+from gaussray.runtime.progress import say
 
 
 # Timestamps per second of folders of pictures, which have no clock.
@@ -94,6 +96,25 @@ def common_timeline(sources: Sequence[Source], sync: Sync, options: FramesOption
     frames = {name: _nearest(clock, grid) for name, clock in clocks.items()}
     shifts = {name: clocks[name][index] - grid for name, index in frames.items()}
     return Timeline(rate, grid - grid[0], frames, shifts)
+
+
+def tell_assumed_rate(
+    sources: Sequence[Source], timeline: Timeline, options: FramesOptions
+) -> None:
+    """Say at which rate pictures follow each other that have no clock, unless it is given.
+
+    Args:
+        sources: cameras of the input.
+        timeline: their timestamps.
+        options: the rate that the user has chosen, 0 for none.
+    """
+    folders = [source.name for source in sources if not source.is_video]
+    if folders and not options.rate and len(timeline.times) > 1 and not timeline.is_static:
+        several = len(folders) > 1
+        say(
+            f"{first_of(folders)}: {'folders' if several else 'a folder'} of pictures without a "
+            f"frame rate: {PICTURE_RATE:g} a second are assumed; frames.rate=... sets another."
+        )
 
 
 def _stride(sources: Sequence[Source], rate: float, options: FramesOptions) -> int:

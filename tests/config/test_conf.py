@@ -189,6 +189,8 @@ def test_an_unknown_key_fails_and_is_named(override):
         ),
         ("render", "camera.names=[a,true]", "camera.names must be a list of names, got True in it"),
         ("evaluate", "evaluate.effects=[1e5]", "evaluate.effects must be a list of names, got 1"),
+        ("prepare", "poses.lens=[500,a]", "poses.lens must be a list of numbers, got 'a' in it"),
+        ("prepare", "poses.lens=[1,2]", "poses.lens must be"),
         ("demo", "limits.folders=[20_24]", "got 2024 in it. A name that reads as a number"),
         ("demo", "field.sides=[1]", "field.sides must hold"),
         ("demo", "density.start=0.9", "density.start and density.stop must satisfy"),
@@ -224,6 +226,14 @@ def test_a_whole_number_does_for_a_fraction():
     cfg = compose_config("render", [*GIVEN["render"], "physical.sensor=[36,24.0]"])
     sensor = build_options(PhysicalOptions, cfg.physical).sensor
     assert sensor == (36.0, 24.0) and {type(x) for x in sensor} == {float}
+
+
+@pytest.mark.parametrize(
+    ("word", "lens"), [("[5,5.5,3,2]", (5.0, 5.5, 3.0, 2.0)), ("a.yml", "a.yml"), ("null", None)]
+)
+def test_a_lens_is_a_file_or_numbers(word, lens):
+    cfg = compose_config("prepare", ["videos=in", "out=out", f"poses.lens={word}"])
+    assert build_options(GROUPS["poses"][0], cfg.poses).lens == lens
 
 
 def test_a_page_begins_with_any_camera_that_can_be_rendered():

@@ -76,6 +76,24 @@ def test_at_last_the_focal_length_is_held(monkeypatch, database):
     assert model.lenses[0]["fl_x"] == pytest.approx(FOCAL, rel=0.03)
 
 
+def test_a_given_lens_is_fixed_and_tried_once(monkeypatch, database):
+    fixed = []
+
+    def incremental(database, pictures, out, options, **_):
+        refined = options.ba_refine_focal_length or options.ba_refine_extra_params
+        posed = options.mapper.abs_pose_refine_focal_length
+        with colmap.Database.open(database) as db:
+            cameras = {camera.camera_id for camera in db.read_all_cameras()}
+        fixed.append(not (refined or posed) and options.constant_cameras == cameras)
+        return {0: registered(2)}
+
+    monkeypatch.setattr(colmap, "incremental_mapping", incremental)
+    model = mapping.poses_with_given_lenses(database, database.parent, PosesOptions())
+    # Two of six pictures are poor, but another lens is no remedy.
+    assert fixed == [True] and len(model.pictures) == 2 and model.focal_source == "lens"
+    assert model.lenses[0]["fl_x"] == FOCAL
+
+
 def test_a_later_attempt_counts_only_if_it_is_better(monkeypatch, database):
     model, _ = tried(monkeypatch, database, registered(2), None, None)
     assert len(model.pictures) == 2

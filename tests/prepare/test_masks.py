@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 from PIL import Image
+from quads import write_video
 
 from gaussray.capture.errors import CaptureWarning
 from gaussray.capture.frames import visible_pixels
 from gaussray.capture.open import open_capture
 from gaussray.dataset.images import write_image
+from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.masks import copy_masks, mask_of, written_mask
 from gaussray.prepare.media import copy_media
 from gaussray.prepare.options import FramesOptions, SyncOptions
@@ -27,12 +29,12 @@ def half_white(shape=BLACK.shape):
     return mask
 
 
-def copied(folder, out):
+def copied(folder, out, needed=False):
     """What `prepare` does with an input folder before it looks for poses."""
     sources = find_sources(folder)
     timeline = common_timeline(sources, synchronise(sources, SyncOptions()), FramesOptions())
     files = copy_media(sources, timeline, out)
-    copy_masks(sources, timeline, files)
+    copy_masks(sources, timeline, files, needed=needed)
     return [path for name in files for path in files[name]]
 
 
@@ -44,6 +46,10 @@ def copied(folder, out):
         ("images/a.JPG", "mask/a.jpg", True),
         ("cam1/a.png", "masks/cam1/a.png", False),
         ("images/cam1/a.png", "masks/cam1/a.jpeg", False),
+        ("images/a.jpg", "masks/a_mask.jpg", True),
+        ("images/A.JPG", "masks/a.Mask.PNG", True),
+        ("images/a.jpg", "mask/a.jpg_MASK.png", True),
+        ("cam1/a.png", "masks/cam1/a_mask.png", False),
     ],
 )
 def test_the_name_of_a_picture_is_that_of_its_mask(tmp_path, picture, mask, alone):
@@ -89,6 +95,40 @@ def test_a_mask_of_another_size_is_told(tmp_path):
     write_image(tmp_path / "in/masks/a.png", half_white((16, 16, 3)))
     with pytest.warns(CaptureWarning, match="1 masks, first .*a.png, have another size"):
         copied(tmp_path / "in", tmp_path / "out")
+
+
+@pytest.mark.parametrize("sizes", [BLACK.shape, (16, 16, 3)])
+@pytest.mark.filterwarnings("ignore:.*by the name no pictures", "ignore:.*have another size")
+def test_masks_that_are_needed_and_not_there_are_refused_with_a_name(tmp_path, sizes):
+    folder = tmp_path / "in/images"
+    write_image(folder / "a.png", BLACK)
+    if sizes != BLACK.shape:
+        write_image(tmp_path / "in/masks/a.png", half_white(sizes))
+    with pytest.raises(PrepareError) as refused:
+        copied(tmp_path / "in", tmp_path / "out", needed=True)
+    assert f"The mask of {folder}/a.png would be {tmp_path}/in/masks/a.png." in str(refused.value)
+
+
+def test_videos_have_no_masks_that_could_be_needed(tmp_path):
+    (tmp_path / "in").mkdir()
+    for name in "ab":
+        write_video(tmp_path / f"in/{name}.mp4", [BLACK] * 4)
+    with pytest.raises(PrepareError, match="Videos have none"):
+        copied(tmp_path / "in", tmp_path / "out", needed=True)
+
+
+@pytest.mark.parametrize("cameras", [["images"], ["cam1", "cam2"]])
+@pytest.mark.filterwarnings("ignore:.*by the name no pictures")
+def test_a_folder_of_masks_of_other_names_is_told_once(tmp_path, cameras):
+    for camera in cameras:
+        write_image(tmp_path / f"in/{camera}/a.png", BLACK)
+        write_image(tmp_path / f"in/{camera}/b.png", BLACK)
+    write_image(tmp_path / "in/masks/m1.png", half_white())
+    expected = "masks/a.png" if len(cameras) == 1 else "masks/cam1/a.png"
+    with pytest.warns(CaptureWarning, match="in 1 file, such as m1.png") as told:
+        copied(tmp_path / "in", tmp_path / "out")
+    (one,) = (str(w.message) for w in told if "no mask is used" in str(w.message))
+    assert one.endswith(f"a.png would be {tmp_path}/in/{expected}.")
 
 
 @pytest.mark.filterwarnings("ignore:.*by the name no pictures", "ignore:.*taken as static")

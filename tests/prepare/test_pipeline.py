@@ -257,6 +257,27 @@ def test_photographs_of_one_camera_make_a_static_capture(tmp_path, painted):
 
 
 @pytest.mark.ci
+def test_photographs_keep_a_given_lens_and_are_placed_by_it(tmp_path, painted):
+    folder, poses = tmp_path / "photos", arc(7, -30, 30)
+    write_pictures(folder, poses, painted)
+    path, out = tmp_path / "sensor.yaml", tmp_path / "capture"
+    # Of pictures of twice the size; pixel centres are at whole numbers.
+    numbers = [2 * FOCAL, 2 * FOCAL, SIZE[0] - 0.5, SIZE[1] - 0.5]
+    path.write_text(f"intrinsics: {numbers}\nresolution: {[2 * side for side in SIZE]}\n")
+    options = PrepareOptions(poses=PosesOptions(lens=str(path)))
+    facts = prepare_capture(folder, out, options=options)
+    assert facts["cameras"]["photos"]["registered"] == 7
+    texts = [finding["text"] for finding in facts["findings"]]
+    assert any("it is scaled" in text for text in texts)
+    frames = json.loads((out / "transforms.json").read_text())["frames"]
+    lens = {"fl_x": FOCAL, "fl_y": FOCAL, "cx": SIZE[0] / 2, "cy": SIZE[1] / 2}
+    assert all(frame | lens == frame and "k1" not in frame for frame in frames)
+    found = [world_from_camera(out, frame["file_path"]) for frame in frames]
+    place, turn = compared(np.array(found), inverted(poses))
+    assert place < PLACE * 5 and turn < TURN
+
+
+@pytest.mark.ci
 def test_photographs_of_several_sizes_are_placed_together(tmp_path, painted):
     """Three of seven lie on their side; one of these is stored upright with EXIF's orientation."""
     folder, poses = tmp_path / "photos", arc(7, -30, 30)

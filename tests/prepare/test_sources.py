@@ -275,6 +275,16 @@ def test_a_folder_of_videos_that_lies_deeper_is_named(tmp_path):
         find_sources(tmp_path)
 
 
+def test_folders_of_folders_beside_cameras_are_told(tmp_path, capsys):
+    for name in ("left", "right", "rectified/left", "other/a/b", "masks/left", ".hidden/left"):
+        write_image(tmp_path / name / "0.png", BLACK)
+    (tmp_path / "notes").mkdir()
+    assert [source.name for source in find_sources(tmp_path)] == ["left", "right"]
+    (line,) = capsys.readouterr().out.splitlines()
+    assert line.startswith(f"videos={tmp_path}: 2 folders (other, rectified) are not used")
+    assert line.endswith(f"videos={tmp_path}/other.")
+
+
 def test_two_cameras_of_one_name_are_refused(tmp_path):
     write_video(tmp_path / "a.mp4", [BLACK] * 3)
     write_video(tmp_path / "a.mkv", [BLACK] * 3)

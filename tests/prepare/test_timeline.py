@@ -16,6 +16,7 @@ from gaussray.prepare.timeline import (
     moving_stride,
     of_one_rate,
     resampled,
+    tell_assumed_rate,
     thinned_timeline,
 )
 
@@ -122,3 +123,15 @@ def test_one_folder_of_pictures_has_no_time():
     source = Source("photos", pathlib.Path("photos"), pictures, np.zeros(0), ((64, 48),))
     line = common_timeline([source], sync(photos=0.0), FramesOptions())
     assert line.is_static and line.frames["photos"].tolist() == [0, 1, 2, 3, 4]
+
+
+@pytest.mark.parametrize(
+    ("options", "count", "told"),
+    [(FramesOptions(), 5, True), (FramesOptions(rate=10.0), 5, False), (FramesOptions(), 1, False)],
+)
+def test_the_rate_of_folders_of_pictures_is_told_to_be_assumed(options, count, told, capsys):
+    pictures = tuple(pathlib.Path(f"{i}.png") for i in range(count))
+    sources = [Source(n, pathlib.Path(n), pictures, np.zeros(0), ((64, 48),)) for n in "ab"]
+    tell_assumed_rate(sources, common_timeline(sources, sync(a=0.0, b=0.0), options), options)
+    said = "a, b: folders of pictures without a frame rate: 30 a second are assumed"
+    assert capsys.readouterr().out.startswith(said) == told

@@ -1,27 +1,20 @@
 """Gives the cameras of a calibration to those of the input."""
 
 import dataclasses
-import re
 from collections.abc import Sequence
 
 import numpy as np
 
 from gaussray.prepare.calibrations.known_camera import Calibration, KnownCamera
+from gaussray.prepare.calibrations.like_names import like_name
 from gaussray.prepare.calibrations.pair_names import check_pair, named_pair, names_in_order
+from gaussray.prepare.calibrations.resized import resized_lens
 from gaussray.prepare.calibrations.same_poses import pairs_of_one_pose
 from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.findings.finding import Finding
 from gaussray.prepare.names_of_cameras import camera_in_name
 from gaussray.prepare.sources import Source
 from gaussray.runtime.progress import say
-
-
-# A picture may be so much larger or smaller than its calibration without being another one: rows
-# and columns that an encoder adds or drops.
-_MARGIN = 16
-_CROPPED = (
-    "Check that the video shows all that the calibration's pictures showed, not a part of it."
-)
 
 
 def assign_cameras(
@@ -57,7 +50,7 @@ def assign_cameras(
     given: dict[str, str] = {}
     result, findings = {}, []
     for source in sources:
-        name = _named(names, source.name)
+        name = like_name(names, source.name)
         if name is None:
             raise PrepareError(
                 f"poses.calibration must name every camera, got no {source.name} among "
@@ -74,7 +67,9 @@ def assign_cameras(
             )
         given[source.name] = name
         camera = calibration.cameras[listed.index(name)]
-        lens, finding = _resized(source, camera)
+        lens, finding = resized_lens(
+            camera.lens, source.name, (source.width, source.height), "poses.calibration"
+        )
         findings += [finding] if finding else []
         result[source.name] = KnownCamera(source.name, lens, camera.pose)
     if not result:
@@ -121,7 +116,7 @@ def stills_by_camera(calibration: Calibration, sources: Sequence[Source]) -> lis
     names = [*(camera.name for camera in calibration.cameras), *calibration.left_out]
     for name_of in (str, camera_in_name):
         stems = [name_of(path.stem) for path in folder.pictures]
-        given = [_named(names, stem) if stem else None for stem in stems]
+        given = [like_name(names, stem) if stem else None for stem in stems]
         if None not in given and len(set(given)) == len(given):
             say(f"{folder.path}: each of the {len(stems)} pictures is of the camera of its name.")
             return [
@@ -159,40 +154,3 @@ def _check_poses(cameras: dict[str, KnownCamera], sources: Sequence[Source]) -> 
         "not matched with each other"
     )
     return [Finding("warn", "cameras", text, "If one was copied, calibrate it again.")]
-
-
-def _named(known: Sequence[str], name: str) -> str | None:
-    for rule in (str, lambda text: re.sub(r"[^a-z0-9]", "", text.lower()), _number):
-        alike = [other for other in known if rule(other) == rule(name) != ""]
-        if len(alike) == 1:
-            return alike[0]
-    parts = re.split(r"[^a-z0-9]+", name.lower())
-    alike = [other for other in known if other.lower() in parts]
-    return alike[0] if len(alike) == 1 else None
-
-
-def _number(name: str) -> str:
-    """The last number in a name, without leading zeros."""
-    digits = re.findall(r"\d+", name)
-    return str(int(digits[-1])) if digits else ""
-
-
-def _resized(source: Source, camera: KnownCamera) -> tuple[dict, Finding | None]:
-    lens = dict(camera.lens)
-    width, height = lens["w"] or source.width, lens["h"] or source.height
-    lens |= {"w": source.width, "h": source.height}
-    if (width, height) == (source.width, source.height):
-        return lens, None
-    sizes = f"{width} x {height} for pictures of {source.width} x {source.height}"
-    text = f"{source.name}: the calibration is of {sizes}"
-    if max(abs(width - source.width), abs(height - source.height)) <= _MARGIN:
-        return lens, Finding("warn", "lens", f"{text}; it is used as it is", _CROPPED)
-    scale = np.array([source.width / width, source.height / height])
-    if abs(scale[0] / scale[1] - 1) > 5e-3:
-        raise PrepareError(
-            f"{source.name}: the calibration must be of pictures of the same shape, got {sizes}. "
-            "Calibrate at the size of the videos, or scale the videos back."
-        )
-    for key, factor in zip(("fl_x", "fl_y", "cx", "cy"), (*scale, *scale), strict=True):
-        lens[key] *= float(factor)
-    return lens, Finding("warn", "lens", f"{text}; it is scaled", _CROPPED)

@@ -66,8 +66,8 @@ def _refuse_intrinsics(path: Path, keys: list[str]) -> None:
     if lens is not None:
         raise PrepareError(
             f"{path}: holds the lens of one camera ({lens}), and poses.calibration needs the "
-            f"lenses and poses of all cameras. Give {CALIBRATION_KINDS}; or leave it out to "
-            "estimate lenses and poses."
+            f"lenses and poses of all cameras. Give {CALIBRATION_KINDS}; or leave it out, and give "
+            f"poses.lens={path} to estimate poses with this lens."
         )
 
 

@@ -10,6 +10,7 @@ from gaussray.capture.formats.transforms import frames_of, read_document
 from gaussray.geometry import BLENDER_AXES
 from gaussray.prepare.calibrations.known_camera import KnownCamera
 from gaussray.prepare.errors import PrepareError
+from gaussray.prepare.lens_models import LensKeyValues
 
 
 _MODELS = ("PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV")
@@ -44,11 +45,17 @@ def _cameras_of(frames: list[Keys]) -> list[KnownCamera]:
         name = frame.values.get("camera")
         if name is None:
             name = picture.parent.name if len(parents) > 1 else picture.stem
-        cameras.setdefault(str(name), KnownCamera(str(name), _lens(frame), _pose(frame)))
+        cameras.setdefault(str(name), KnownCamera(str(name), frame_lens(frame), _pose(frame)))
     return list(cameras.values())
 
 
-def _lens(frame: Keys) -> dict:
+def frame_lens(frame: Keys) -> LensKeyValues:
+    """The lens of a frame, or of a file that has its keys at the top.
+
+    Raises:
+        CaptureError: A key is missing or no number.
+        PrepareError: The camera model has no counterpart in COLMAP.
+    """
     model = frame.choice("camera_model", (*_MODELS, "OPENCV_FISHEYE"), "PINHOLE")
     if frame.has("lens"):
         raise PrepareError(

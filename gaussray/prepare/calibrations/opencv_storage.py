@@ -51,7 +51,7 @@ def is_stereo_storage(*paths: Path) -> bool:
     try:
         if not all(is_storage(path) for path in paths):
             return False
-        keys = {key for path in paths for key in _values(path)}
+        keys = {key for path in paths for key in storage_values(path)}
     except (PrepareError, OSError, ValueError):
         return False
     return has_stereo_lenses(keys) and has_stereo_pose(keys)
@@ -79,7 +79,7 @@ def read_stereo_storage(path: Path) -> Calibration:
     Raises:
         PrepareError: The file is malformed, has keys of other meaning, or a value is missing.
     """
-    values, where = _values(path), str(path)
+    values, where = storage_values(path), str(path)
     lenses, poses = has_stereo_lenses(values), has_stereo_pose(values)
     if not lenses and not poses:
         found = ", ".join(values)[:200] or "no keys"
@@ -96,7 +96,7 @@ def read_stereo_storage(path: Path) -> Calibration:
                 f"{path}: must hold all of {missing}, or {beside} must be beside it with them, got "
                 f"{', '.join(values)[:200]}. Copy it there, or write all into one file."
             )
-        values, where = {**_values(other), **values}, f"{path} with {other.name}"
+        values, where = {**storage_values(other), **values}, f"{path} with {other.name}"
     return stereo_cameras(where, values, name=path.name)
 
 
@@ -121,8 +121,12 @@ def _counterpart(path: Path) -> Path | None:
     return next((p for p in found if p.suffix == path.suffix), found[0] if found else None)
 
 
-def _values(path: Path) -> dict[str, Any]:
-    """The values of a file by key."""
+def storage_values(path: Path) -> dict[str, Any]:
+    """The values by key of a YAML or XML file that cv::FileStorage has written.
+
+    Raises:
+        PrepareError: The file is malformed.
+    """
     if path.suffix.lower() != ".xml":
         return read_opencv_yaml(path, _REMEDY)
     try:

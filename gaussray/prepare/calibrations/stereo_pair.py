@@ -27,10 +27,10 @@ PAIR_NAMES = ("left", "right")
 # Names of both cameras in keys, before or behind the name of a value: mtxL, left_K, dist_1.
 _SIDES = (PAIR_NAMES, ("l", "r"), ("1", "2"), ("0", "1"))
 # Names of each value in the keys of public files, in small letters and digits alone.
-_SYNONYMS = {
+VALUE_NAMES = {
     "matrix": (
         *("m", "k", "mtx", "mat", "cm", "cameramatrix", "cammtx", "cammatrix", "cameramtx"),
-        *("intrinsic", "intrinsics", "intrinsicmatrix", "intrinsicmtx"),
+        *("intrinsic", "intrinsics", "intrinsicmatrix", "intrinsicmtx", "matrix"),
     ),
     "distortion": (
         *("d", "dist", "dst", "distcoef", "distcoefs", "distcoeff", "distcoeffs"),
@@ -67,13 +67,13 @@ class _Found(NamedTuple):
 
 def has_stereo_pose(keys: Iterable[str]) -> bool:
     """Whether keys name a rotation and a translation between two cameras, of no camera alone."""
-    plain = {_plain(key) for key in keys}
-    return all(plain & set(_SYNONYMS[what]) for what in ("rotation", "translation"))
+    plain = {plain_key(key) for key in keys}
+    return all(plain & set(VALUE_NAMES[what]) for what in ("rotation", "translation"))
 
 
 def has_stereo_lenses(keys: Iterable[str]) -> bool:
     """Whether keys name the camera matrices of two cameras."""
-    plain = {_plain(key) for key in keys}
+    plain = {plain_key(key) for key in keys}
     return any(
         all(plain & _of_side("matrix", side) for side in sides)  # both cameras
         for sides in _SIDES
@@ -136,14 +136,18 @@ def stereo_cameras(where: object, values: Mapping[str, Any], *, name: str = "") 
     return Calibration(cameras, is_pair=True)
 
 
-def _plain(key: object) -> str:
-    """A key in small letters and digits alone."""
+def plain_key(key: object) -> str:
+    """A key in small letters and digits alone, as `VALUE_NAMES` has them.
+
+    Args:
+        key: the key as the file has it.
+    """
     return re.sub("[^a-z0-9]", "", str(key).lower())
 
 
 def _of_side(what: str, side: str) -> set[str]:
     """The plain keys of a value of one camera."""
-    names = _SYNONYMS[what]
+    names = VALUE_NAMES[what]
     return {name + side for name in names} | {side + name for name in names}
 
 
@@ -171,7 +175,7 @@ def _of_both(where: object, values: Mapping[str, Any], what: str) -> tuple[_Foun
 
 def _single(where: object, values: Mapping[str, Any], what: str) -> _Found:
     """A value that the file has once."""
-    keys = _keys(values, set(_SYNONYMS[what]))
+    keys = _keys(values, set(VALUE_NAMES[what]))
     if not keys:
         raise PrepareError(
             f"{where}: must hold {_EXAMPLES[what]}, got {_listed(values)}. {_REMEDY}"
@@ -180,7 +184,7 @@ def _single(where: object, values: Mapping[str, Any], what: str) -> _Found:
 
 
 def _keys(values: Mapping[str, Any], plain: set[str]) -> list[str]:
-    return [key for key in values if _plain(key) in plain]
+    return [key for key in values if plain_key(key) in plain]
 
 
 def _agreed(where: object, values: Mapping[str, Any], what: str, keys: list[str]) -> _Found:
@@ -210,7 +214,7 @@ def _listed(values: Mapping[str, Any]) -> str:
 
 def _size(values: Mapping[str, Any]) -> tuple[float, float]:
     """Columns and rows of the calibrated pictures; 0 if the file does not say both."""
-    for key in _keys(values, set(_SYNONYMS["size"])):
+    for key in _keys(values, set(VALUE_NAMES["size"])):
         try:
             columns, rows = finite_numbers(values[key], (2,))
         except ValueError:

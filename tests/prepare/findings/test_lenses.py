@@ -42,6 +42,16 @@ def test_a_calibration_is_refused_only_if_readers_refuse_its_lens(bend, level):
         assert finding.remedy
 
 
+def test_a_given_lens_is_named_and_kept_as_a_calibration_is():
+    placement = placed(lens("OPENCV", 400 / 0.9, k1=-0.2))
+    model = dataclasses.replace(placement.model, focal_source="lens")
+    (finding,) = lens_findings(dataclasses.replace(placement, model=model, known=False))
+    assert finding.level == "warn" and finding.text.startswith("left: poses.lens has distortion")
+    plain = dataclasses.replace(model, lenses=[lens("PINHOLE", 320)])
+    (finding,) = lens_findings(dataclasses.replace(placement, model=plain, known=False))
+    assert finding.level == "good" and finding.text.endswith("90 degrees, as poses.lens says")
+
+
 def test_a_calibrated_lens_with_dark_corners_is_a_warning():
     """One coefficient, as Anipose has it: beyond a circle of 532 pixels there is no direction."""
     anipose = {"camera_model": "OPENCV", "w": 1280, "h": 1024, "fl_x": 759.1, "fl_y": 759.1}

@@ -1,0 +1,110 @@
+"""Reads the lens of one camera, or those of several by their names, from a file without poses."""
+
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from gaussray.capture.formats.json_keys import Keys
+from gaussray.capture.formats.transforms import json_content
+from gaussray.io.safe.arrays import Damaged, read_npz
+from gaussray.io.safe.files import read_text
+from gaussray.prepare.calibrations.known_camera import check_name
+from gaussray.prepare.calibrations.lens_values import has_camera_matrix, lens_of_values
+from gaussray.prepare.calibrations.nerfstudio import frame_lens, read_nerfstudio
+from gaussray.prepare.calibrations.opencv_storage import is_storage, storage_values
+from gaussray.prepare.calibrations.opencv_yaml import read_opencv_yaml
+from gaussray.prepare.calibrations.read import read_calibration
+from gaussray.prepare.errors import PrepareError
+from gaussray.prepare.lens_models import LensKeyValues
+
+
+_KINDS = (
+    "OpenCV's .yml, .xml or .npz with camera_matrix and distortion_coefficients (also mtx and "
+    "dist, K and D), ROS's camera_info .yaml, EuRoC's sensor.yaml, Kalibr's camchain.yaml, "
+    "Pose2Sim's or Anipose's .toml, .json with K and dist or with fl_x fl_y cx cy k1 ... w h, or "
+    "the numbers themselves: poses.lens=[fx,fy,cx,cy,k1,k2,p1,p2]"
+)
+# Keys of a capture's JSON that say a lens at the top of the file.
+_CAPTURE = ("fl_x", "camera_angle_x")
+# Keys of a camera that say its name.
+_NAMES = ("name", "camera_name", "serial")
+
+
+def read_lenses(path: Path | str) -> dict[str, LensKeyValues]:
+    """The lens of each camera of a file by the camera's name; that of a file that names none is
+    called as the file.
+
+    Args:
+        path: a file of one camera's lens, or a calibration (`read_calibration`), whose poses do not
+            count.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        PrepareError: It holds no lens, or one that is not supported.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(
+            f"poses.lens={path}: must be a file, got {'a folder' if path.is_dir() else 'none'}. "
+            "Check the path, and name the file itself."
+        )
+    content = _content(path)
+    found = _lenses(path, content) if isinstance(content, Mapping | list) else {}
+    return found or _calibrated_lenses(path)
+
+
+def _content(path: Path) -> Any:
+    """What a file holds; None if it is of a kind that other readers know."""
+    suffix = path.suffix.lower()
+    if suffix in (".yml", ".yaml"):
+        return read_opencv_yaml(path, f"It may be {_KINDS}.")
+    if suffix == ".xml" and is_storage(path):
+        return storage_values(path)
+    if suffix == ".json":
+        return json_content(path)
+    try:
+        if suffix == ".npz":
+            return read_npz(path)
+        if suffix == ".toml":
+            return tomllib.loads(read_text(path).decode("utf-8-sig"))
+    except (Damaged, tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise PrepareError(f"poses.lens={path}: {error}. It may be {_KINDS}.") from None
+    return None
+
+
+def _lenses(path: Path, content: Mapping[str, Any] | list) -> dict[str, LensKeyValues]:
+    """The lenses of what a file holds: of one camera at the top, or of several; empty if none."""
+    if isinstance(content, Mapping):
+        if isinstance(content.get("frames"), list):
+            return {camera.name: camera.lens for camera in read_nerfstudio(path)}
+        if any(key in content for key in _CAPTURE):
+            return {path.stem: frame_lens(Keys(path, dict(content)))}
+        if has_camera_matrix(content):
+            return {path.stem: lens_of_values(str(path), content, name=path.name)}
+        if isinstance(content.get("cameras"), Mapping | list):
+            return _lenses(path, content["cameras"])
+        blocks = [(str(key), value) for key, value in content.items()]
+    else:
+        blocks = [(str(number), value) for number, value in enumerate(content)]
+    result: dict[str, LensKeyValues] = {}
+    for key, block in ((key, block) for key, block in blocks if has_camera_matrix(block)):
+        said = (str(block[name]) for name in _NAMES if type(block.get(name)) in (str, int))
+        name = check_name(path, next(said, key))
+        if name in result:
+            raise PrepareError(
+                f"{path}: each camera must have a name of its own, got {name} twice. Change one."
+            )
+        result[name] = lens_of_values(f"{path}, camera {name}", block)
+    return result
+
+
+def _calibrated_lenses(path: Path) -> dict[str, LensKeyValues]:
+    """The lenses of a calibration with poses."""
+    try:
+        return {camera.name: camera.lens for camera in read_calibration(path).cameras}
+    except PrepareError:
+        raise PrepareError(
+            f"poses.lens={path}: must hold the lens of a camera, got none that is read. It may be "
+            f"{_KINDS}."
+        ) from None

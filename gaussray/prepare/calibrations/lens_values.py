@@ -1,0 +1,129 @@
+"""The lens of one camera from the values that programs around OpenCV write, without a pose."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from gaussray.prepare.calibrations.known_camera import opencv_camera, refuse_distortion
+from gaussray.prepare.calibrations.opencv_numbers import DISTORTION_COUNTS, finite_numbers
+from gaussray.prepare.calibrations.stereo_pair import VALUE_NAMES, plain_key
+from gaussray.prepare.errors import PrepareError
+from gaussray.prepare.lens_models import LensKeyValues
+
+
+# How many numbers the values of one camera may have: of a matrix, Kalibr and EuRoC write its focal
+# lengths and principal point alone.
+_COUNTS = {"matrix": (9, 4), "distortion": DISTORTION_COUNTS, "size": (2,)}
+_WIDTH, _HEIGHT = ("imagewidth", "width", "w"), ("imageheight", "height", "h")
+# Names of models (ROS, Kalibr, EuRoC), as plain keys: OpenCV's, and its fisheye.
+_PLAIN = ("", "none", "radtan", "radialtangential", "plumbbob", "rationalpolynomial", "opencv")
+_FISHEYE = ("equidistant", "equi", "fisheye", "opencvfisheye", "kannalabrandt", "kannalabrandt4")
+_CAMERAS = ("", "pinhole", *_PLAIN, *_FISHEYE)
+# Keys that say so otherwise: Pose2Sim, OpenCV's sample.
+_SAYS_FISHEYE = ("fisheye", "fisheyemodel")
+_NO_DISTORTION = ("distortionmodel", "distortionmodels")
+
+
+def has_camera_matrix(values: Any) -> bool:
+    """Whether the values of a file, or of a part of it, are of one camera with a matrix."""
+    return isinstance(values, Mapping) and len(_found("", values, "matrix", told=False)) > 0
+
+
+def lens_of_values(where: str, values: Mapping[str, Any], *, name: str = "") -> LensKeyValues:
+    """The lens of a camera: its matrix (or fx fy cx cy), distortion, size and model, under the
+    names that OpenCV's users, ROS, Kalibr, EuRoC, Pose2Sim and Anipose give them.
+
+    Args:
+        where: the file, and the camera in it, for messages.
+        values: values by key (`has_camera_matrix`).
+        name: name of the file. With `fisheye` in it, four coefficients are those of cv2.fisheye.
+
+    Raises:
+        PrepareError: A number is missing or wrong, two keys of one meaning differ, or the model is
+            neither a pinhole nor OpenCV's fisheye.
+    """
+    matrix = _found(where, values, "matrix")
+    if len(matrix) == 4:
+        fx, fy, cx, cy = matrix
+        matrix = np.array([fx, 0, cx, 0, fy, cy, 0, 0, 1])
+    distortion = _found(where, values, "distortion")
+    read = {*VALUE_NAMES["distortion"], *_NO_DISTORTION}
+    refuse_distortion(where, name, [key for key in values if plain_key(key) not in read])
+    fisheye = _is_fisheye(where, values) or ("fisheye" in name.lower() and len(distortion) == 4)
+    size = _found(where, values, "size", told=False)
+    if not len(size):
+        size = [_side(values, names) for names in (_WIDTH, _HEIGHT)]
+    camera = opencv_camera(
+        where,
+        name,
+        matrix.reshape(3, 3),
+        distortion,
+        np.eye(3, 4),
+        (float(size[0]), float(size[1])) if all(size) else (0, 0),
+        fisheye=fisheye,
+    )
+    return camera.lens
+
+
+def _found(
+    where: str, values: Mapping[str, Any], what: str, told: bool = True
+) -> Float[np.ndarray, " n"]:
+    """The numbers under the keys of one meaning, of which those with other counts are another
+    thing; none if there are no keys. Not `told`: none, too, if the numbers are wrong."""
+    keys = [key for key in values if plain_key(key) in VALUE_NAMES[what]]
+    found: dict[str, np.ndarray] = {}
+    complaint = ""
+    for key in keys:
+        value = values[key]
+        # ROS, and OpenCV in JSON: rows, cols and data.
+        value = value.get("data") if isinstance(value, Mapping) else value
+        try:
+            numbers = finite_numbers(value, _COUNTS[what])
+            found[str(key)] = numbers
+        except ValueError as error:
+            absent = value is None or np.size(value) == 0
+            complaint = complaint or ("" if absent else f"{where}: {key} {error}")
+    if told and not found and complaint:
+        raise PrepareError(f"{complaint}. Correct or remove it.")
+    for key, numbers in found.items():
+        first = next(iter(found))
+        if told and not np.array_equal(numbers, found[first]):
+            raise PrepareError(
+                f"{where}: {first} and {key} must not differ, because both are the {what}. Keep "
+                "one of them."
+            )
+    return next(iter(found.values()), np.zeros(0))
+
+
+def _side(values: Mapping[str, Any], names: tuple[str, ...]) -> float:
+    """Columns or rows; 0 if the file does not say them."""
+    for value in (value for key, value in values.items() if plain_key(key) in names):
+        try:
+            return float(finite_numbers(value, (1,))[0])
+        except ValueError:
+            continue
+    return 0.0
+
+
+def _is_fisheye(where: str, values: Mapping[str, Any]) -> bool:
+    models = {plain_key(key): plain_key(value) for key, value in values.items() if _is_text(value)}
+    distortion, camera = models.get("distortionmodel", ""), models.get("cameramodel", "")
+    if distortion not in (*_PLAIN, *_FISHEYE) or camera not in _CAMERAS:
+        raise PrepareError(
+            f"{where}: must be a pinhole with OpenCV's distortion (radtan, plumb_bob, "
+            f"rational_polynomial) or its fisheye (equidistant), got {camera or 'pinhole'} with "
+            f"{distortion or 'none'}. Calibrate it with one of these models."
+        )
+    says = (value for key, value in values.items() if plain_key(key) in _SAYS_FISHEYE)
+    said = any(np.size(value) == 1 and _is_true(value) for value in says)
+    return said or distortion in _FISHEYE or camera in _FISHEYE
+
+
+def _is_text(value: Any) -> bool:
+    return isinstance(value, str)
+
+
+def _is_true(value: Any) -> bool:
+    return not _is_text(value) and bool(np.all(value))

@@ -1,0 +1,53 @@
+"""A known lens for pictures of another size than those of its calibration."""
+
+import numpy as np
+
+from gaussray.prepare.errors import PrepareError
+from gaussray.prepare.findings.finding import Finding
+from gaussray.prepare.lens_models import LensKeyValues
+
+
+# A picture may be so much larger or smaller than its calibration without being another one: rows
+# and columns that an encoder adds or drops.
+_MARGIN = 16
+# Quotients of width and height may differ by this share.
+_SHAPE = 5e-3
+_CROPPED = (
+    "Check that the pictures show all that those of the calibration showed, not a part of it."
+)
+
+
+def resized_lens(
+    lens: LensKeyValues, camera: str, size: tuple[int, int], key: str
+) -> tuple[LensKeyValues, Finding | None]:
+    """A lens for pictures of a size, and a warning if it is of another one.
+
+    It is used as it is if the sizes differ by at most 16 rows and columns, and scaled if the
+    pictures have the same shape.
+
+    Args:
+        lens: the calibrated lens; `w` and `h` are 0 if its pictures are of unknown size.
+        camera: what messages call the camera.
+        size: columns and rows of the pictures.
+        key: the key that gives the lens, for messages.
+
+    Raises:
+        PrepareError: The pictures have another shape.
+    """
+    width, height = lens["w"] or size[0], lens["h"] or size[1]
+    resized = lens | {"w": size[0], "h": size[1]}
+    if (width, height) == size:
+        return resized, None
+    sizes = f"{width} x {height} for pictures of {size[0]} x {size[1]}"
+    text = f"{camera}: the calibration ({key}) is of {sizes}"
+    if max(abs(width - size[0]), abs(height - size[1])) <= _MARGIN:
+        return resized, Finding("warn", "lens", f"{text}; it is used as it is", _CROPPED)
+    scale = np.array([size[0] / width, size[1] / height])
+    if abs(scale[0] / scale[1] - 1) > _SHAPE:
+        raise PrepareError(
+            f"{camera}: {key} must be of pictures of the same shape, got {sizes}. Calibrate at "
+            "the size of the pictures, or scale the pictures back."
+        )
+    for name, factor in zip(("fl_x", "fl_y", "cx", "cy"), (*scale, *scale), strict=True):
+        resized[name] *= float(factor)
+    return resized, Finding("warn", "lens", f"{text}; it is scaled", _CROPPED)
