@@ -363,7 +363,7 @@ def test_no_module_imports_pickle():
     unsafe = {"pickle", "cPickle", "dill", "cloudpickle", "shelve", "marshal"}
     root = pathlib.Path(gaussray.__file__).parent
     # Machine code that this package wrote into the user's own folder: pickle adds no power to it.
-    machine_code = root / "runtime/stored_programs.py"
+    machine_code = root / "runtime/program_content.py"
     for path in set(root.rglob("*.py")) - {machine_code}:
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.Import | ast.ImportFrom):
