@@ -17,7 +17,7 @@ class CameraSet(eqx.Module):
 
     Args:
         owner: index of the camera of each frame.
-        lens: number of the lens of each camera: those with equal lenses have one.
+        lens: number of the lens of each camera; where lenses are refined, equal ones have one.
         position: mean position of each camera, in scene units.
         pixel: angle between neighbouring pixels in the middle of each camera's picture, in radians.
         extent: radius of the cameras' positions in scene units, the length unit of learning rates.
@@ -69,9 +69,10 @@ def camera_set(
     _, first_frame = np.unique(owner, return_index=True)
     first = jax.tree.map(lambda x: np.asarray(x)[first_frame], camera)
     pixel = _pixel_angle(jax.tree.map(jnp.asarray, first))
-    numbers: dict[bytes, int] = {}
-    keys = [lens_key(first.lens, k) for k in range(len(first_frame))]
-    lens = [numbers.setdefault(key, len(numbers)) for key in keys]
+    # Only lenses that are refined are compared: tables of rays are large.
+    keys = [lens_key(first.lens, k) if "lens" in refine else k for k in range(len(first_frame))]
+    numbers = {key: number for number, key in enumerate(dict.fromkeys(keys))}
+    lens = [numbers[key] for key in keys]
     times = np.unique(np.asarray(camera.time))
     interval = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
     earliest, latest = time_window(camera.shutter, (film.width, film.height))

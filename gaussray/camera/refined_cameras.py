@@ -34,13 +34,15 @@ def refined_frames(
         return [camera for _, camera in frames]
     table = fix_gauge(corrections, cameras)
     rows = {name: jax.tree.map(lambda x, i=i: x[i], table) for i, name in enumerate(names)}
-    lenses = {lens_key(camera.lens): rows[name].lens for name, camera in frames if name in rows}
+    lenses, shutter = {}, None if table.shutter is None else table.shutter[0]
+    if table.lens is not None:
+        lenses = {lens_key(own.lens): rows[name].lens for name, own in frames if name in rows}
 
     def corrected(name: str, camera: Camera) -> Camera:
-        row = rows.get(name)
-        if row is None:
-            shutter = None if table.shutter is None else table.shutter[0]
-            row = Corrections(lens=lenses.get(lens_key(camera.lens)), shutter=shutter)
+        lens = lenses.get(lens_key(camera.lens)) if lenses and name not in rows else None
+        if name not in rows and lens is None and shutter is None:
+            return camera
+        row = rows.get(name, Corrections(lens=lens, shutter=shutter))
         return _apply_corrections(camera, row, cameras)
 
     return [corrected(name, camera) for name, camera in frames]

@@ -48,7 +48,6 @@ def _capture(path: str, node: Configuration, label: str, prefix: str = "") -> An
 
 def _reconstruct(cfg: Configuration, devices: int | None) -> dict[str, Any]:
     read_ahead(f"reconstruct {Path(str(cfg.capture.path)).resolve()}")
-    read_ahead(f"reconstruct {Path(str(cfg.capture.path)).resolve()}")
     from gaussray.reconstruct.data.training_split import (
         demand_training_pictures,
         division_sentence,

@@ -1,11 +1,12 @@
 """The cameras of a capture as the fit of a scene found them."""
 
 import dataclasses
+from collections.abc import Mapping
 from pathlib import Path
 
 from gaussray.capture.capture import Capture, View
 from gaussray.capture.formats.paired import read_cameras
-from gaussray.io.safe.files import read_json
+from gaussray.capture.formats.transforms import json_object
 
 
 def with_found_cameras(truth: Capture, scene: Path) -> Capture:
@@ -18,13 +19,15 @@ def with_found_cameras(truth: Capture, scene: Path) -> Capture:
         scene: the folder of a reconstruction, or a scene file in it.
     """
     path = (scene if scene.is_dir() else scene.parent) / "cameras.json"
-    if not path.is_file():
+    if not truth.views or not path.is_file():
         return truth
-    content = read_json(path)
-    if not content.get("info", {}).get("refined"):
+    content = json_object(path)
+    info = content.get("info")
+    if not isinstance(info, Mapping) or not info.get("refined"):
         return truth
+    cameras = read_cameras(path, truth.views[0].camera.time.dtype)
     names = [str(frame["file_path"]) for frame in content["frames"]]
-    found = dict(zip(names, read_cameras(path, truth.views[0].camera.time.dtype), strict=True))
+    found = dict(zip(names, cameras, strict=True))
 
     def changed(views: list[View]) -> list[View]:
         return [_found(view, found.get(str(view.image.resolve()))) for view in views]

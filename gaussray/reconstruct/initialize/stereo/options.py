@@ -25,9 +25,10 @@ class StereoOptions(eqx.Module):
     are kept, and `moving` of what moves at a timestamp. Where a view masks a point, it says
     nothing; with `silhouette` above 0 it counts against the point, by so much for each view beyond
     the first. As many views are matched at once as have `at_once` samples (pixels times
-    neighbours), and of these `levels` of the sweep and `places` of a window: a GPU is not busy with
-    one small picture, and waits for its memory after each. Where masks leave less than half of the
-    pixels, these and those within two pixels of them are refined alone, in parts of `part` samples.
+    neighbours): a GPU is not busy with one small picture. It also computes `levels` of the sweep,
+    and `places` of a window, before it writes results to its memory. Where masks leave less than
+    half of the pixels, these and those within two pixels of them are refined alone, in parts of
+    `part` samples.
     """
 
     pixels: int = eqx.field(static=True, default=140_000)

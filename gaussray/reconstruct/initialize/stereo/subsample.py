@@ -33,7 +33,7 @@ def _keys(position, octave, size):
 
 
 def _number(keys):
-    """How many different keys there are: sorted, which takes NumPy a tenth of `unique`."""
+    """How many different keys there are. Sorting alone is much faster than `numpy.unique`."""
     ordered = np.sort(keys)
     return 1 + np.count_nonzero(ordered[1:] != ordered[:-1])
 
