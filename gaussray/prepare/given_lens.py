@@ -47,7 +47,9 @@ def given_lenses(
         where, lenses = Path(lens).name, read_lenses(lens)
     else:
         where, lenses = "poses.lens", {"": _lens_of_numbers(lens)}
-    chosen = {source.name: _chosen(lenses, source.name) for source in sources}
+    named = {source.name: _chosen(lenses, source.name) for source in sources}
+    _check_own(named, lenses)
+    chosen = {camera: lenses[name] for camera, name in named.items()}
     result: LensesBySize = {}
     findings: dict[str, Finding] = {}
     for source in sources:
@@ -71,11 +73,27 @@ def _lens_of_numbers(numbers: Sequence[float]) -> LensKeyValues:
     return opencv_camera("poses.lens", "lens", matrix, coefficients, np.eye(3, 4)).lens
 
 
-def _chosen(lenses: dict[str, LensKeyValues], camera: str) -> LensKeyValues:
-    """The lens of a camera: the only one that there is, or that of its name."""
+def _check_own(named: dict[str, str], lenses: dict[str, LensKeyValues]) -> None:
+    """Refuse one of several lenses for two cameras: the names of one of them say another."""
+    users: dict[str, str] = {}
+    for camera, name in named.items():
+        if name in users and not _are_equal(lenses):
+            raise PrepareError(
+                f"poses.lens must have a lens for each camera, got {name} for {users[name]} and "
+                f"{camera}. Call each video or folder as the file calls its camera."
+            )
+        users[name] = camera
+
+
+def _are_equal(lenses: dict[str, LensKeyValues]) -> bool:
     first = next(iter(lenses.values()))
-    if all(lens == first for lens in lenses.values()):
-        return first
+    return all(lens == first for lens in lenses.values())
+
+
+def _chosen(lenses: dict[str, LensKeyValues], camera: str) -> str:
+    """The name of a camera's lens: the first one if all are equal, or that of its name."""
+    if _are_equal(lenses):
+        return next(iter(lenses))
     name = like_name(list(lenses), camera)
     if name is None:
         raise PrepareError(
@@ -83,7 +101,7 @@ def _chosen(lenses: dict[str, LensKeyValues], camera: str) -> LensKeyValues:
             f"{first_of(list(lenses))}. Call the video or folder as one of them, or give a file "
             "with one lens."
         )
-    return lenses[name]
+    return name
 
 
 def _check_one_size(sources: Sequence[Source]) -> None:

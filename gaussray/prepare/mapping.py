@@ -115,7 +115,10 @@ def poses_with_given_lenses(
     """
     found = _reconstruction(database, pictures, options, fixed="lens")
     if found is None:
-        raise PrepareError(missing_poses_reason(database, still))
+        raise PrepareError(
+            f"{missing_poses_reason(database, still)} Check as well that poses.lens is of this "
+            "camera, zoom and size of pictures."
+        )
     return dataclasses.replace(sparse_model_of(found), focal_source="lens")
 
 

@@ -177,8 +177,13 @@ def marked_masks(folder: Path) -> MarkedMasks:
         folder: a folder of masks, which may not exist.
     """
     files = files_in(folder, PHOTOGRAPH_SUFFIXES) if folder.is_dir() else []
-    stems = {path: path.stem.lower() for path in files}
-    return {_MARK.sub("", s): path for path, s in stems.items() if _MARK.search(s)}
+    found: MarkedMasks = {}
+    # Of several of one picture a PNG counts first: a JPEG blurs the border.
+    for path in sorted(files, key=lambda path: path.suffix.lower() != ".png"):
+        stem = path.stem.lower()
+        if _MARK.search(stem):
+            found.setdefault(_MARK.sub("", stem), path)
+    return found
 
 
 def mask_of(

@@ -113,6 +113,8 @@ class PosesOptions(eqx.Module):
                 "poses.lens must be a file or the numbers [fx,fy,cx,cy], with k1,k2,p1,p2 after "
                 f"them, then k3, or k3 to k6, got {len(self.lens)} numbers."
             )
+        if isinstance(self.lens, tuple) and min(self.lens[:2]) <= 0:
+            raise ValueError(f"poses.lens must have fx and fy above 0, got {list(self.lens)}.")
         if self.lens is not None and (self.calibration or self.fov):
             other = "calibration" if self.calibration else "fov"
             raise ValueError(

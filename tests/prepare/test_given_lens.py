@@ -89,3 +89,22 @@ def test_one_lens_serves_all_and_several_those_of_their_names(tmp_path, capsys):
 def test_options_that_contradict_each_other_are_refused(options, message):
     with pytest.raises(ValueError, match=message):
         PosesOptions(**options)
+
+
+def test_one_of_several_lenses_serves_one_camera(tmp_path):
+    path = lens_file(tmp_path, cam1=400.0, cam2=500.0)
+    # Both are called 2 by their last numbers.
+    with pytest.raises(PrepareError, match="got cam2 for cam1_take2 and cam2_take2"):
+        given_lenses(path, [source("cam1_take2"), source("cam2_take2")])
+    same = lens_file(tmp_path, cam1=400.0, cam2=400.0)
+    assert len(given_lenses(same, [source("cam1_take2"), source("cam2_take2")])[0]) == 2
+
+
+def test_turned_pictures_are_called_so(tmp_path):
+    with pytest.raises(PrepareError, match="These pictures are turned"):
+        given_lenses(lens_file(tmp_path, any=400.0), [source("cam1", (480, 640))])
+
+
+def test_a_focal_length_is_above_zero():
+    with pytest.raises(ValueError, match="fx and fy above 0"):
+        PosesOptions(lens=(-5.0, 5.0, 3.0, 2.0))

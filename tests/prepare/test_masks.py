@@ -10,7 +10,7 @@ from gaussray.capture.frames import visible_pixels
 from gaussray.capture.open import open_capture
 from gaussray.dataset.images import write_image
 from gaussray.prepare.errors import PrepareError
-from gaussray.prepare.masks import copy_masks, mask_of, written_mask
+from gaussray.prepare.masks import copy_masks, marked_masks, mask_of, written_mask
 from gaussray.prepare.media import copy_media
 from gaussray.prepare.options import FramesOptions, SyncOptions
 from gaussray.prepare.sources import find_sources
@@ -155,3 +155,10 @@ def test_the_capture_names_its_masks(tmp_path, painted):
         shown = visible_pixels(view)
         quarter = shown.shape[1] // 4
         assert not shown[:, :quarter].any() and shown[:, quarter:].all()
+
+
+def test_of_two_masks_of_one_picture_a_png_counts(tmp_path):
+    for name in ("a_masks.jpg", "a_mask.png"):
+        write_image(tmp_path / "x" / f"{name}.png", np.full((2, 2, 3), 255, np.uint8))
+        (tmp_path / "x" / f"{name}.png").rename(tmp_path / "x" / name)
+    assert marked_masks(tmp_path / "x") == {"a": tmp_path / "x" / "a_mask.png"}

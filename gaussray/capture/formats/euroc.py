@@ -17,7 +17,7 @@ from gaussray.capture.formats.number_files import lens_of_coefficients, read_row
 from gaussray.capture.formats.picture_places import KNOWN_SUFFIXES
 from gaussray.capture.formats.posed_pictures import (
     PosedPicture,
-    in_seconds,
+    by_time,
     interpolated_poses,
     posed_capture,
 )
@@ -30,6 +30,8 @@ _HOME, _CAMERAS = "mav0", "cam[0-9]"
 _TRAJECTORIES = ("state_groundtruth_estimate0", "vicon0", "mocap0")
 SENSOR_FILE, _TABLE = "sensor.yaml", "data.csv"
 _ROW = "a time in nanoseconds, the position x y z and the quaternion w x y z"
+# Largest size of a sensor.yaml: YAML is read slowly.
+_MOST_BYTES = 1_000_000
 # The models of lenses and of distortions, and their coefficients here.
 _DISTORTIONS = {
     "radial-tangential": ("OPENCV", ("k1", "k2", "p1", "p2")),
@@ -71,7 +73,7 @@ def read_euroc(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
             f"{folder}: holds no {_HOME}/{_TRAJECTORIES[0]}/{_TABLE} beside {_HOME}/cam0/data/."
         )
     rows = np.stack([values for _, values in read_rows(path, 8, _ROW)])
-    times, quats = in_seconds(rows[:, 0]), rows[:, [5, 6, 7, 4]]
+    times, quats = rows[:, 0] * 1e-9, rows[:, [5, 6, 7, 4]]
     top = Keys(folder / _HOME, {})
     body_from_tracked = np.eye(4)
     if (path.parent / SENSOR_FILE).is_file():
@@ -87,7 +89,7 @@ def read_euroc(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
         tracked_from_camera = np.linalg.inv(body_from_tracked) @ body_from_camera
         matrices, known = interpolated_poses(times, quats, rows[:, 1:4], np.array(list(found)))
         for time, matrix, has in zip(found, matrices, known, strict=True):
-            name = found[time].relative_to(folder).as_posix()
+            name = (camera / "data" / found[time]).relative_to(folder).as_posix()
             pose = matrix @ tracked_from_camera if has else None
             pictures.append(PosedPicture(name, camera.name, time, lens, sensor, pose))
     return posed_capture(top, pictures, "seconds", dtype)
@@ -97,16 +99,18 @@ def _home(folder: Path) -> Path:
     return folder / _HOME if (folder / _HOME).is_dir() else folder
 
 
-def _pictures(folder: Path) -> dict[float, Path]:
+def _pictures(folder: Path) -> dict[float, str]:
     """The pictures of a camera by their times in seconds, in order."""
     inside = sorted(folder.iterdir()) if folder.is_dir() else []
     paths = [p for p in inside if p.suffix.lower() in KNOWN_SUFFIXES and p.stem.isdecimal()]
-    times = in_seconds(np.array([float(path.stem[:30]) for path in paths]))
-    return dict(sorted(zip(times.tolist(), paths, strict=True)))
+    times = [float(path.stem[:30]) * 1e-9 for path in paths]
+    return by_time(folder, times, [path.name for path in paths])
 
 
 def _sensor(path: Path) -> Keys:
     """The keys of a sensor.yaml."""
+    if path.stat().st_size > _MOST_BYTES:
+        raise CaptureError(f"{path}: must be at most {_MOST_BYTES:,} bytes, as a sensor's file is.")
     text = read_text(path).decode("utf-8-sig", "replace")
     # OpenCV begins a file with a line that is no YAML.
     text = text.replace("%YAML:1.0", "", 1)

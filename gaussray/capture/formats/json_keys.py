@@ -79,7 +79,7 @@ class Keys:
             CaptureError: the key is absent without a default, or its value is no finite number.
         """
         value = self._get(key, default, "a number", remedy)
-        if not _is_number(value) or not math.isfinite(value):
+        if not _is_finite(value):
             raise self.error(key, "a finite number", remedy)
         return float(value)
 
@@ -127,7 +127,7 @@ class Keys:
         rule = f"a list of {length} finite numbers"
         value = self._get(key, default, rule)
         good = isinstance(value, list) and len(value) == length
-        if not good or not all(_is_number(v) and math.isfinite(v) for v in value):
+        if not good or not all(map(_is_finite, value)):
             raise self.error(key, rule)
         return [float(v) for v in value]
 
@@ -236,6 +236,14 @@ class Keys:
         if change and not self.frame:
             self.warn(f"{self.prefix}{key} is {change}. So is that of each frame like it.")
         return matrix
+
+
+def _is_finite(value):
+    """Whether a value is a number that a float can hold."""
+    try:
+        return _is_number(value) and math.isfinite(value)
+    except OverflowError:
+        return False
 
 
 def _is_number(value):

@@ -23,7 +23,7 @@ _COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3")
 # A comment begins a line or follows a blank: 1.#INF has none.
 _COMMENT = re.compile(r"(?:^|\s)#")
 # How Microsoft's compilers write what is no number, or infinite.
-_NOT_FINITE = re.compile(r"[-+]?1\.#[A-Z]+")
+_NOT_FINITE = re.compile(r"[-+]?(?:1\.#[A-Z]+\d*|nan\(\w*\))", re.IGNORECASE)
 # Of the focal length: skew below comes from rounding.
 _SKEW = 1e-3
 
@@ -92,8 +92,9 @@ def read_matrix(path: Path, size: int) -> Float[np.ndarray, "size size"]:
     words = [word for _, line in lines_of(read_text(path)) for word in re.split(r"[\s,]+", line)]
     values = _numbers([word for word in words if word])
     if values is None or len(values) != size**2:
+        got = f"{len(words)} words" if values is not None else "words that are no numbers"
         raise CaptureError(
-            f"{path}: must hold a matrix, {size} lines of {size} numbers, got {len(words)} words."
+            f"{path}: must hold a matrix, {size} lines of {size} numbers, got {got}."
         )
     return values.reshape(size, size)
 
@@ -123,6 +124,11 @@ def lens_of_matrix(
     }
 
 
+def read_matrix_lens(path: Path) -> dict[str, float]:
+    """The lens of a file that holds a matrix K (`lens_of_matrix`)."""
+    return lens_of_matrix(Keys(path, {}), read_matrix(path, 3))
+
+
 def lens_of_coefficients(numbers: Sequence[float]) -> dict[str, Any]:
     """The lens of fx, fy, cx, cy and OpenCV's k1, k2, p1, p2, k3, as keys of a transforms.json.
 
@@ -139,9 +145,8 @@ def lens_of_coefficients(numbers: Sequence[float]) -> dict[str, Any]:
 def read_folder_lens(folder: Path) -> dict[str, Any] | None:
     """The lens of a folder's pictures, as keys of a transforms.json; None if no file tells it.
 
-    It is in `camera-intrinsics.txt` (the matrix K), here or in the folder around it; in `calib.txt`
-    (one line fx fy cx cy, then perhaps k1 k2 p1 p2 k3; or K); or in `camera.json` (keys of a
-    transforms.json: w, h, fl_x, ...).
+    It is in `camera-intrinsics.txt` (the matrix K); in `calib.txt` (one line fx fy cx cy, then
+    perhaps k1 k2 p1 p2 k3; or K); or in `camera.json` (keys of a transforms.json: w, h, fl_x, ...).
 
     Args:
         folder: the capture's folder.
@@ -150,9 +155,9 @@ def read_folder_lens(folder: Path) -> dict[str, Any] | None:
         CaptureError: the file holds anything else.
         OSError: the file cannot be read.
     """
-    for path in (folder / MATRIX_FILE, folder.resolve().parent / MATRIX_FILE):
-        if path.is_file():
-            return lens_of_matrix(Keys(path, {}), read_matrix(path, 3))
+    path = folder / MATRIX_FILE
+    if path.is_file():
+        return read_matrix_lens(path)
     path = folder / COEFFICIENTS_FILE
     if path.is_file():
         return _calibration(path)
@@ -181,7 +186,7 @@ def missing_lens(folder: Path, known: str) -> CaptureError:
 def _calibration(path: Path) -> dict[str, Any]:
     lines = lines_of(read_text(path))
     if len(lines) == 3:
-        return lens_of_matrix(Keys(path, {}), read_matrix(path, 3))
+        return read_matrix_lens(path)
     values = _numbers(lines[0][1].replace(",", " ").split()) if len(lines) == 1 else None
     good = values is not None and len(values) in (4, 8, 9) and bool(np.isfinite(values).all())
     if values is None or not good or min(values[:2]) <= 0:

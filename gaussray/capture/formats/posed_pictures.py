@@ -1,6 +1,7 @@
 """Pictures of cameras that move, each with a camera-to-world matrix in OpenCV's axes."""
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,8 +25,8 @@ _LATEST = 1e30
 _FAR = 1e30
 # The least of a quaternion's length.
 _LEAST = 1e-30
-# Times that are larger count nanoseconds.
-_NANOSECONDS = 1e14
+# Times since 1970 are in nanoseconds or microseconds if the latest is later than these.
+_NANOSECONDS, _MICROSECONDS = 1e17, 1e14
 
 
 class PosedPicture(NamedTuple):
@@ -103,8 +104,31 @@ def posed_capture(
 
 
 def in_seconds(times: Float[np.ndarray, " poses"]) -> Float[np.ndarray, " poses"]:
-    """Times in seconds, where those of nanoseconds since 1970 may be among them."""
-    return np.where(np.abs(times) > _NANOSECONDS, times * 1e-9, times)
+    """Times in seconds, of a file that may count nanoseconds or microseconds since 1970."""
+    latest = np.abs(times[np.isfinite(times)]).max(initial=0.0)
+    return times * (1e-9 if latest > _NANOSECONDS else 1e-6 if latest > _MICROSECONDS else 1.0)
+
+
+def by_time(folder: Path, times: Sequence[float], names: Sequence[str]) -> dict[float, str]:
+    """The pictures of a camera by their times, in order.
+
+    Args:
+        folder: where they are, for the message.
+        times: of each picture.
+        names: theirs.
+
+    Raises:
+        CaptureError: two have one time.
+    """
+    pictures: dict[float, str] = {}
+    for time, name in sorted(zip(times, names, strict=True)):
+        if time in pictures:
+            raise CaptureError(
+                f"{folder}: each picture must have a time of its own, got {time:.17g} s for "
+                f"{pictures[time]} and {name}. Remove one."
+            )
+        pictures[time] = name
+    return pictures
 
 
 def interpolated_poses(

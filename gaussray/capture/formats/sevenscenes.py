@@ -13,11 +13,13 @@ from gaussray.capture.capture import Capture
 from gaussray.capture.errors import CaptureError
 from gaussray.capture.formats.json_keys import Keys
 from gaussray.capture.formats.number_files import (
+    MATRIX_FILE,
     lens_of_matrix,
     lines_of,
     missing_lens,
     read_folder_lens,
     read_matrix,
+    read_matrix_lens,
 )
 from gaussray.capture.formats.picture_places import KNOWN_SUFFIXES
 from gaussray.capture.formats.posed_pictures import PosedPicture, posed_capture
@@ -64,6 +66,9 @@ def read_sevenscenes(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capt
     lens = read_folder_lens(folder)
     if lens is None and (folder / _INFO_FILE).is_file():
         lens = _info(folder / _INFO_FILE)
+    around = folder.resolve().parent / MATRIX_FILE
+    if lens is None and around.is_file():
+        lens = read_matrix_lens(around)
     if lens is None:
         raise missing_lens(folder, f"camera-intrinsics.txt, {_INFO_FILE}")
     found = {

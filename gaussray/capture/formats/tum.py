@@ -24,6 +24,7 @@ from gaussray.capture.formats.picture_places import KNOWN_SUFFIXES
 from gaussray.capture.formats.posed_pictures import (
     NEAREST,
     PosedPicture,
+    by_time,
     in_seconds,
     interpolated_poses,
     posed_capture,
@@ -125,7 +126,7 @@ def _has_pictures(folder: Path) -> bool:
 
 def _entry(line: str) -> tuple[float, str] | None:
     """The timestamp and the picture of a line; None if it is another."""
-    stamp, _, name = line.partition(" ")
+    stamp, name = [*line.split(maxsplit=1), ""][:2]
     return (float(stamp), name.strip()) if _STAMP.fullmatch(stamp) and name.strip() else None
 
 
@@ -155,12 +156,4 @@ def _pictures(folder: Path) -> dict[float, str]:
         paths = [path for path in place.iterdir() if _is_timed(path)] if place else []
         found = [(float(path.stem), path.relative_to(folder).as_posix()) for path in paths]
     times = in_seconds(np.array([time for time, _ in found]))
-    pictures: dict[float, str] = {}
-    for time, (_, name) in sorted(zip(times.tolist(), found, strict=True)):
-        if time in pictures:
-            raise CaptureError(
-                f"{folder}: each picture must have a time of its own, got {time:.17g} s for "
-                f"{pictures[time]} and {name}. Remove one."
-            )
-        pictures[time] = name
-    return pictures
+    return by_time(folder, times.tolist(), [name for _, name in found])

@@ -10,8 +10,13 @@ from gaussray.capture.formats.transforms import json_content
 from gaussray.io.safe.arrays import Damaged, read_npz
 from gaussray.io.safe.files import read_text
 from gaussray.prepare.calibrations.known_camera import check_name
-from gaussray.prepare.calibrations.lens_values import has_camera_matrix, lens_of_values
+from gaussray.prepare.calibrations.lens_values import (
+    has_camera_matrix,
+    lens_of_values,
+    sizes_in,
+)
 from gaussray.prepare.calibrations.nerfstudio import frame_lens, read_nerfstudio
+from gaussray.prepare.calibrations.opencv_json import CAMERA_NAME_KEYS, said_name
 from gaussray.prepare.calibrations.opencv_storage import is_storage, storage_values
 from gaussray.prepare.calibrations.opencv_yaml import read_opencv_yaml
 from gaussray.prepare.calibrations.read import read_calibration
@@ -27,8 +32,6 @@ _KINDS = (
 )
 # Keys of a capture's JSON that say a lens at the top of the file.
 _CAPTURE = ("fl_x", "camera_angle_x")
-# Keys of a camera that say its name.
-_NAMES = ("name", "camera_name", "serial")
 
 
 def read_lenses(path: Path | str) -> dict[str, LensKeyValues]:
@@ -73,8 +76,11 @@ def _content(path: Path) -> Any:
     return None
 
 
-def _lenses(path: Path, content: Mapping[str, Any] | list) -> dict[str, LensKeyValues]:
-    """The lenses of what a file holds: of one camera at the top, or of several; empty if none."""
+def _lenses(
+    path: Path, content: Mapping[str, Any] | list, common: Mapping[str, Any] | None = None
+) -> dict[str, LensKeyValues]:
+    """The lenses of what a file holds: of one camera at the top, or of several; empty if none.
+    `common` values are those of cameras that have none of their own."""
     if isinstance(content, Mapping):
         if isinstance(content.get("frames"), list):
             return {camera.name: camera.lens for camera in read_nerfstudio(path)}
@@ -83,19 +89,26 @@ def _lenses(path: Path, content: Mapping[str, Any] | list) -> dict[str, LensKeyV
         if has_camera_matrix(content):
             return {path.stem: lens_of_values(str(path), content, name=path.name)}
         if isinstance(content.get("cameras"), Mapping | list):
-            return _lenses(path, content["cameras"])
+            return _lenses(path, content["cameras"], sizes_in(content))
         blocks = [(str(key), value) for key, value in content.items()]
     else:
         blocks = [(str(number), value) for number, value in enumerate(content)]
+    blocks = [(key, block) for key, block in blocks if has_camera_matrix(block)]
     result: dict[str, LensKeyValues] = {}
-    for key, block in ((key, block) for key, block in blocks if has_camera_matrix(block)):
-        said = (str(block[name]) for name in _NAMES if type(block.get(name)) in (str, int))
-        name = check_name(path, next(said, key))
+    for key, block in blocks:
+        said = said_name(block)
+        if said is None and isinstance(content, list) and len(blocks) > 1:
+            raise PrepareError(
+                f"{path}: each camera of the list must have a name "
+                f"({', '.join(CAMERA_NAME_KEYS)}), got none. Give each the name of its video."
+            )
+        name = check_name(path, said or key)
         if name in result:
             raise PrepareError(
                 f"{path}: each camera must have a name of its own, got {name} twice. Change one."
             )
-        result[name] = lens_of_values(f"{path}, camera {name}", block)
+        own = block if sizes_in(block) else {**(common or {}), **block}
+        result[name] = lens_of_values(f"{path}, camera {name}", own)
     return result
 
 
@@ -103,8 +116,8 @@ def _calibrated_lenses(path: Path) -> dict[str, LensKeyValues]:
     """The lenses of a calibration with poses."""
     try:
         return {camera.name: camera.lens for camera in read_calibration(path).cameras}
-    except PrepareError:
+    except PrepareError as error:
         raise PrepareError(
             f"poses.lens={path}: must hold the lens of a camera, got none that is read. It may be "
-            f"{_KINDS}."
+            f"{_KINDS}. As a calibration it is not read either: {error}"
         ) from None

@@ -1,5 +1,6 @@
 """The lens of one camera from the values that programs around OpenCV write, without a pose."""
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -26,6 +27,16 @@ _SAYS_FISHEYE = ("fisheye", "fisheyemodel")
 _NO_DISTORTION = ("distortionmodel", "distortionmodels")
 
 
+# Keys of distortion that is not one list of OpenCV's coefficients.
+_APART = re.compile(r"k[1-6]|p[12]|radial.*|tangential.*|.*coef.*")
+
+
+def sizes_in(values: Mapping[str, Any]) -> dict[str, Any]:
+    """The values that say the size of a camera's pictures."""
+    names = (*VALUE_NAMES["size"], *_WIDTH, *_HEIGHT)
+    return {key: value for key, value in values.items() if plain_key(key) in names}
+
+
 def has_camera_matrix(values: Any) -> bool:
     """Whether the values of a file, or of a part of it, are of one camera with a matrix."""
     return isinstance(values, Mapping) and len(_found("", values, "matrix", told=False)) > 0
@@ -50,11 +61,24 @@ def lens_of_values(where: str, values: Mapping[str, Any], *, name: str = "") -> 
         matrix = np.array([fx, 0, cx, 0, fy, cy, 0, 0, 1])
     distortion = _found(where, values, "distortion")
     read = {*VALUE_NAMES["distortion"], *_NO_DISTORTION}
-    refuse_distortion(where, name, [key for key in values if plain_key(key) not in read])
+    others = {key: value for key, value in values.items() if plain_key(key) not in read}
+    refuse_distortion(where, name, [*others])
+    apart = [
+        key
+        for key, value in others.items()
+        if _APART.fullmatch(plain_key(key)) and value is not None and np.size(value)
+    ]
+    if apart and not len(distortion):
+        raise PrepareError(
+            f"{where}: distortion must be one list of OpenCV's coefficients (dist: [k1, k2, p1, "
+            f"p2]), got {', '.join(map(str, apart))}. Write it so, with zeros for what is missing."
+        )
     fisheye = _is_fisheye(where, values) or ("fisheye" in name.lower() and len(distortion) == 4)
-    size = _found(where, values, "size", told=False)
+    size = _found(where, values, "size")
     if not len(size):
-        size = [_side(values, names) for names in (_WIDTH, _HEIGHT)]
+        blocks = [value for value in sizes_in(values).values() if isinstance(value, Mapping)]
+        sides = {key: value for block in [values, *blocks] for key, value in block.items()}
+        size = [_side(sides, names) for names in (_WIDTH, _HEIGHT)]
     camera = opencv_camera(
         where,
         name,
@@ -83,7 +107,7 @@ def _found(
             numbers = finite_numbers(value, _COUNTS[what])
             found[str(key)] = numbers
         except ValueError as error:
-            absent = value is None or np.size(value) == 0
+            absent = value is None or np.size(value) == 0 or value == "null"
             complaint = complaint or ("" if absent else f"{where}: {key} {error}")
     if told and not found and complaint:
         raise PrepareError(f"{complaint}. Correct or remove it.")

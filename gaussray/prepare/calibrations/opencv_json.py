@@ -28,7 +28,7 @@ _SIZE = ("size", "resolution")
 _SIDES = (("width", "w"), ("height", "h"))
 _NEEDED = {_MATRIX: (9,), _ROTATION: (3, 9), _TRANSLATION: (3,)}
 # Keys of a list's cameras that hold their names.
-_NAMES = ("name", "camera", "cam", "id", "camera_id", "serial")
+CAMERA_NAME_KEYS = ("name", "camera", "cam", "id", "camera_id", "serial")
 # What is said of a camera without a pose, after its name.
 _NO_POSE = "has no R (3 or 9 numbers) and t (3 numbers)"
 _POSE_REMEDY = "Both take world to camera; R is a matrix or a rotation vector."
@@ -85,11 +85,11 @@ def _listed(path: Path, content: Any) -> dict[str, dict[str, Any]]:
     for number, one in enumerate(content if isinstance(content, list) else [], 1):
         if not _has_matrix(one):
             continue
-        name = _name(one)
+        name = said_name(one)
         if name is None:
             raise PrepareError(
-                f"{path}: camera {number} of the list must have a name ({', '.join(_NAMES)}), got "
-                "none. Give each the name of its video."
+                f"{path}: camera {number} of the list must have a name "
+                f"({', '.join(CAMERA_NAME_KEYS)}), got none. Give each the name of its video."
             )
         if name in result:
             raise PrepareError(
@@ -171,7 +171,7 @@ def _has_matrix(content: Any) -> bool:
     return isinstance(content, dict) and _numbers(content, _MATRIX, 9) is not None
 
 
-def _name(camera: dict[str, Any]) -> str | None:
+def said_name(camera: dict[str, Any]) -> str | None:
     """The name of a camera of a list; None if it has none. A truth value is none."""
-    found = (camera[key] for key in _NAMES if type(camera.get(key)) in (str, int))
+    found = (camera[key] for key in CAMERA_NAME_KEYS if type(camera.get(key)) in (str, int))
     return next(map(str, found), None)

@@ -44,9 +44,15 @@ def resized_lens(
         return resized, Finding("warn", "lens", f"{text}; it is used as it is", _CROPPED)
     scale = np.array([size[0] / width, size[1] / height])
     if abs(scale[0] / scale[1] - 1) > _SHAPE:
+        turned = abs(size[0] / height / (size[1] / width) - 1) <= _SHAPE
+        remedy = (
+            "These pictures are turned: leave them out, or calibrate with pictures turned as they "
+            "are."
+            if turned
+            else "Calibrate at the size of the pictures, or scale the pictures back."
+        )
         raise PrepareError(
-            f"{camera}: {key} must be of pictures of the same shape, got {sizes}. Calibrate at "
-            "the size of the pictures, or scale the pictures back."
+            f"{camera}: {key} must be of pictures of the same shape, got {sizes}. {remedy}"
         )
     for name, factor in zip(("fl_x", "fl_y", "cx", "cy"), (*scale, *scale), strict=True):
         resized[name] *= float(factor)

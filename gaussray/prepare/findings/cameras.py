@@ -18,10 +18,14 @@ def camera_findings(placement: Placement) -> list[Finding]:
     model = placement.model
     total, found = len(placement.pictures), len(model.pictures)
     missing = [p for f, p in placement.pictures.items() if f not in model.pictures]
+    lens = (
+        "check that poses.lens is of this camera, zoom and size of pictures, or leave it out."
+        if model.focal_source == "lens"
+        else "poses.lens=FILE or poses.fov=DEGREES if you know the lens; or give a calibration."
+    )
     remedy = (
         "Add cameras between their neighbours, or pictures with more texture; poses.features=16384 "
-        "and frames.instants=10 find more matches; poses.fov=DEGREES if you know the lens; or give "
-        "a calibration."
+        f"and frames.instants=10 find more matches; {lens}"
     )
     if found < max(2, REGISTERED * total):
         text = f"only {found} of {total} pictures have a pose"

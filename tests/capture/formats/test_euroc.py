@@ -126,3 +126,37 @@ def test_other_folders_are_none_of_it(tmp_path):
         open_capture(tmp_path)
     with pytest.raises(FileNotFoundError, match="holds no mav0/state_groundtruth_estimate0/data"):
         read_euroc(tmp_path)
+
+
+def test_stamps_of_a_clock_since_boot_are_nanoseconds_too(tmp_path):
+    lay(tmp_path)
+    first = 7_000_000_000
+    for camera in ("cam0", "cam1"):
+        for k in range(2):
+            data = tmp_path / f"mav0/{camera}/data"
+            (data / f"{FIRST + k * STEP}.png").rename(data / f"{first + k * STEP}.png")
+    rows = [(first + k * STEP, *PLACE, *QUAT) for k in range(2)]
+    table = tmp_path / "mav0/state_groundtruth_estimate0/data.csv"
+    table.write_text("\n".join(",".join(map(repr, map(float, row))) for row in rows))
+    times = [view.time for view in open_capture(tmp_path).views]
+    np.testing.assert_allclose(times, [7, 7.05] * 2)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (sensor().replace("intrinsics: [50", "intrinsics: [1" + 400 * "0"), "4 finite numbers"),
+        ("#" * 1_000_001, "must be at most 1,000,000 bytes"),
+    ],
+)
+def test_a_sensor_of_any_size_and_numbers_ends_in_a_message(tmp_path, text, message):
+    with pytest.raises(CaptureError, match=message):
+        read_euroc(lay(tmp_path, text))
+
+
+def test_two_pictures_of_one_time_are_refused(tmp_path):
+    lay(tmp_path)
+    picture = tmp_path / f"mav0/cam1/data/{FIRST}.png"
+    picture.with_suffix(".jpg").write_bytes(picture.read_bytes())
+    with pytest.raises(CaptureError, match="a time of its own"):
+        read_euroc(tmp_path)

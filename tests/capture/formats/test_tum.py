@@ -6,6 +6,7 @@ from known_photograph import PIXELS, PLACE, TURN, pixels, seen_points, write_pic
 from scipy.spatial.transform import Rotation
 
 from gaussray.capture.errors import CaptureError, CaptureWarning
+from gaussray.capture.formats.posed_pictures import in_seconds
 from gaussray.capture.formats.tum import read_tum
 from gaussray.capture.open import format_of, open_capture
 
@@ -149,3 +150,21 @@ def test_other_folders_are_none_of_it(tmp_path):
         open_capture(tmp_path)
     with pytest.raises(FileNotFoundError, match=r"holds none of groundtruth\.txt, .* with eight"):
         read_tum(tmp_path)
+
+
+def test_the_folder_around_has_no_say_about_the_lens(tmp_path):
+    lay(tmp_path / "own")
+    (tmp_path / "camera-intrinsics.txt").write_text("999 0 31.5\n0 999 23.5\n0 0 1\n")
+    assert float(open_capture(tmp_path / "own").views[0].camera.lens.focal[0]) == 50
+
+
+def test_a_list_may_be_separated_by_tabs(tmp_path):
+    lay(tmp_path)
+    (tmp_path / "rgb.txt").write_text("".join(f"{s}\trgb/{s}.png\n" for s in STAMPS))
+    assert [view.time for view in open_capture(tmp_path).views] == [1, 1.033, 1.066]
+
+
+@pytest.mark.parametrize("unit", [1e9, 1e6])
+def test_stamps_since_1970_are_in_nanoseconds_or_microseconds(unit):
+    times = np.array([1.7e9, 1.7e9 + 2.5]) * unit
+    np.testing.assert_allclose(in_seconds(times), [1.7e9, 1.7e9 + 2.5], rtol=1e-15)

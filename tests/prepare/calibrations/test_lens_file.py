@@ -163,3 +163,58 @@ def test_what_is_no_lens_is_refused_with_the_kinds_that_are(tmp_path, name, text
 def test_a_folder_is_no_lens(tmp_path):
     with pytest.raises(FileNotFoundError, match=f"poses.lens={re.escape(str(tmp_path))}: .*folder"):
         read_lenses(tmp_path)
+
+
+def camera(focal=500.0, **more):
+    return {"K": [[focal, 0, 320], [0, focal, 240], [0, 0, 1]], "dist": [0, 0, 0, 0]} | more
+
+
+def written_json(folder, content):
+    path = folder / "lenses.json"
+    path.write_text(json.dumps(content))
+    return path
+
+
+@pytest.mark.parametrize("key", ["camera", "id", "name", "cam"])
+def test_the_cameras_of_a_list_have_the_names_that_they_say(tmp_path, key):
+    listed = [camera(100.0 * k, **{key: f"cam{k}"}) for k in (1, 2, 3)]
+    found = read_lenses(written_json(tmp_path, listed))
+    assert {name: lens["fl_x"] for name, lens in found.items()} == {
+        "cam1": 100,
+        "cam2": 200,
+        "cam3": 300,
+    }
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ([camera(100.0), camera(200.0)], "each camera of the list must have a name"),
+        (camera(dist=None, k1=-0.3, k2=0.1), "must be one list .* got k1, k2"),
+        (camera(dist=None, radial=[-0.3, 0.1]), "must be one list .* got radial"),
+        (camera(size="1280x960"), "size"),
+    ],
+)
+def test_what_would_be_left_out_is_refused(tmp_path, content, message):
+    with pytest.raises(PrepareError, match=message):
+        read_lenses(written_json(tmp_path, content))
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        camera(size={"width": 640, "height": 480}),
+        {"image_size": [640, 480], "cameras": {"cam0": camera()}},
+        {"width": 640, "height": 480, "cameras": [camera()]},
+    ],
+)
+def test_the_size_is_found_in_a_block_and_above_the_cameras(tmp_path, content):
+    (lens,) = read_lenses(written_json(tmp_path, content)).values()
+    assert (lens["w"], lens["h"]) == (640, 480)
+
+
+def test_why_a_calibration_is_not_read_is_told(tmp_path):
+    path = tmp_path / "stereo.json"
+    path.write_text(json.dumps({"cam1": 3}))
+    with pytest.raises(PrepareError, match="As a calibration it is not read either: "):
+        read_lenses(path)
