@@ -3,6 +3,7 @@
 Where options are left open, device and capture decide (`auto.choice`), and short fits (trials).
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -15,6 +16,7 @@ from gaussray.reconstruct.auto.machine import this_machine
 from gaussray.reconstruct.auto.motion_choice import choices_to_try, with_motion_tried
 from gaussray.reconstruct.auto.refinement_trial import with_refinement_tried
 from gaussray.reconstruct.auto.trial_fits import Fitted, TrialFits, remove_killed_trials
+from gaussray.reconstruct.auto.trial_part import trial_part
 from gaussray.reconstruct.checks.covered_cameras import without_covered_cameras
 from gaussray.reconstruct.checks.failed_fit import warn_of_one_place
 from gaussray.reconstruct.data.common_times import common_times_sentence, with_common_times
@@ -80,12 +82,27 @@ def fit_plan(
     say(common_times_sentence(recorded, capture))
     at_once, shared = machine.runs_two_fits, SharedResults()
     fits = TrialFits(tried.capture, parts[0], out, fit, shared, devices, quiet, at_once=at_once)
+    tries = bool(candidates) and not resume
+    short = _of_trial_part(fits, options.fit.segment, say) if tries else fits
     chosen, scores = with_motion_tried(
-        fits, chosen, candidates, steps=machine.trial_steps, resume=resume, say=say
+        short, chosen, candidates, steps=machine.trial_steps, resume=resume, say=say
     )
+    # The pictures of a part make room for those of all times.
+    del short
     say(chosen.sentence)
     if chosen.scale != tried.scale:
         parts = segments(chosen.capture, options.fit.segment)
         fits = replace(fits, capture=chosen.capture, segment=parts[0], shared=SharedResults())
     options = with_refinement_tried(fits, chosen.options, resume=resume, say=say)
     return FitPlan(chosen.capture, options, parts, fits.shared, scores)
+
+
+def _of_trial_part(fits: TrialFits, most: int, say: Callable[[str], None]) -> TrialFits:
+    """The same fits of the part of a long capture that a trial sees (`trial_part`), which share
+    nothing with the fit of the whole; `most` is the largest number of times of a segment."""
+    part = trial_part(fits.capture)
+    if part is fits.capture:
+        return fits
+    first, last = part.time_range
+    say(f"The trial sees successive times alone, from {first:g} to {last:g}, at which much moves.")
+    return replace(fits, capture=part, segment=segments(part, most)[0], shared=SharedResults())
