@@ -77,9 +77,9 @@ def with_motion(session: Session, state: State, progress: RunProgress) -> tuple[
     if control is not None and session.still_first:
         parameters, progress = _with_followers(session, parameters, clouds[0], progress)
     if fit.deforms:
-        deformation = _deformation(session, parameters, progress, control)
+        deformation = first_deformation(session, parameters, progress, control)
     if fit.transient:
-        transient = _transients(session, clouds, moved)
+        transient = first_transients(session, clouds, moved)
     if moved is not None:
         progress = replace(progress, moved=moved.tile_counts())
         session.loader.sampler.see_moved(moved.tile_counts())
@@ -185,11 +185,17 @@ def _with_followers(
     return eqx.tree_at(lambda p: p.moving, parameters, moving), progress
 
 
-def _transients(
+def first_transients(
     session: Session, clouds: Sequence[MovingPoints], moved: UnexplainedPixels | None
 ) -> UnconstrainedTransients | None:
     """Transient Gaussians on the points that stereo finds in what moves, with rows for those that
-    density control may add; None where it finds nothing."""
+    density control may add; None where it finds nothing.
+
+    Args:
+        session: the segment.
+        clouds: the points of each of the `starting_times`.
+        moved: which pixels what stands still does not show, where cameras move.
+    """
     fit, density = session.options.fit, session.options.density
     first = initial_transients(
         clouds,
@@ -215,11 +221,18 @@ def _transients(
     return with_rows(unconstrain_transients(first, shortest), -(-rows // step) * step)
 
 
-def _deformation(
+def first_deformation(
     session: Session, parameters: Parameters, progress: RunProgress, control: ControlPoints | None
 ) -> Deformation | None:
     """Control points or tracked rigid bodies, and a field that does nothing yet; None without
-    moving Gaussians."""
+    moving Gaussians.
+
+    Args:
+        session: the segment.
+        parameters: the Gaussians.
+        progress: the progress so far, with the rigid bodies of the segment before.
+        control: the control points, where these show motion.
+    """
     field = session.options.field
     moving = take_rows(parameters.moving, np.flatnonzero(occupied(parameters.moving)))
     if not len(moving.mean):

@@ -1,6 +1,6 @@
 """One segment of a reconstruction: its stages, its pruning, and what is told of it."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,7 @@ from gaussray.reconstruct.initialize.impacts import with_impacts
 from gaussray.reconstruct.loop import run_stage
 from gaussray.reconstruct.motion import with_motion
 from gaussray.reconstruct.optimize.state import State
+from gaussray.reconstruct.programs_ahead import programs_ahead
 from gaussray.reconstruct.run_progress import RunProgress
 from gaussray.reconstruct.session import Session
 from gaussray.reconstruct.simplify.measure import Tracing, TrainingViews
@@ -48,22 +49,34 @@ def fitted_state(
     session.shared.once("detail", lambda: demand_detail(session.footage))
     if not session.is_continuation:
         session.shared.once("poses", lambda: warn_of_wrong_poses(session.footage))
-    if state is None:
-        state, progress = initial_state(session, progress)
-    else:
+    if state is not None:
         session.resume(state, progress)
+        return _after_stages(session, state, progress, lambda stage, state: None)
+    ahead = programs_ahead(session)
+    try:
+        return _after_stages(session, *initial_state(session, progress), ahead.wait_for)
+    finally:
+        ahead.end()
+
+
+def _after_stages(
+    session: Session, state: State, progress: RunProgress, ready: Callable[[str, State], None]
+) -> tuple[State, RunProgress]:
+    """The state after all stages that are left of a segment; `ready` is called before each."""
     if progress.stage == "coarse":
         # Transient Gaussians are there at all times at once.
         fit = session.options.fit
         if fit.deforms or session.still_first or len(session.times) == 1:
+            ready("coarse", state)
             state, progress = run_stage(session, "coarse", state, progress)
         state, progress = with_motion(session, state, progress)
     elif progress.stage == "begin":
         state, progress = continued_state(session, state, progress)
         state, progress = with_motion(session, state, progress)
-    return (
-        run_stage(session, "fine", state, progress) if len(session.times) > 1 else (state, progress)
-    )
+    if len(session.times) == 1:
+        return state, progress
+    ready("fine", state)
+    return run_stage(session, "fine", state, progress)
 
 
 def pruned_segment(

@@ -25,8 +25,8 @@ from gaussray.scene.gaussians import Gaussians, Unconstrained, constrain, uncons
 
 
 # Where transient Gaussians share the budget: rows for each Gaussian of another kind, and the least
-# share of the budget for which a GPU has rows of each kind.
-_ROWS_EACH, _ROWS_SHARE = 2, 0.25
+# share of the budget for which a GPU has rows of what stands still and of what moves.
+_ROWS_EACH, _ROWS_STILL, _ROWS_MOVING = 2, 1.0, 0.25
 
 
 def initial_state(session: Session, progress: RunProgress) -> tuple[State, RunProgress]:
@@ -68,7 +68,7 @@ def initial_state(session: Session, progress: RunProgress) -> tuple[State, RunPr
     most = session.options.density.room(len(moves))
     progress = replace(progress, initial=initial, most=most, free_space=space)
     corrections = no_corrections(fit.refine, len(session.names), session.footage.camera)
-    return _with_room(session, gaussians, moves, corrections, progress)
+    return with_room(session, gaussians, moves, corrections, progress)
 
 
 def _free_space(session: Session, position: Float[np.ndarray, "points 3"]) -> FreeBalls | None:
@@ -93,7 +93,7 @@ def continued_state(
     gaussians = constrain(take_rows(static, np.flatnonzero(occupied(static))))
     moves = may_move(session, np.asarray(gaussians.mean), on_surfaces=True)
     progress = replace(progress, initial=_counts(moves))
-    return _with_room(session, gaussians, moves, state.parameters.corrections, progress)
+    return with_room(session, gaussians, moves, state.parameters.corrections, progress)
 
 
 def _counts(moves: Bool[np.ndarray, " gaussians"]) -> tuple[int, int]:
@@ -124,43 +124,58 @@ def may_move(
     return moves
 
 
-def _with_room(
+def with_room(
     session: Session,
     gaussians: Gaussians,
     moves: Bool[np.ndarray, " gaussians"],
     corrections: Corrections | None,
     progress: RunProgress,
 ) -> tuple[State, RunProgress]:
-    """The state of these Gaussians, in arrays with rows for those that density control may add."""
+    """The state of Gaussians, in arrays with rows for those that density control may add, and the
+    progress with the largest numbers of each kind.
+
+    Args:
+        session: the segment.
+        gaussians: static and moving Gaussians.
+        moves: which of them may move.
+        corrections: of the cameras.
+        progress: the progress so far, with the largest number of all Gaussians.
+    """
     growth = max(progress.most / max(len(moves), 1), 1.0)
     limit = tuple(int(count * growth) for count in _counts(moves))
-    density, gpu = session.options.density, jax.default_backend() == "gpu"
+    density, (still, moving) = session.options.density, least_shares()
     # A multiple of 8 on every device.
     step = 8 * session.mesh.size
 
-    def part(chosen: Bool[np.ndarray, " gaussians"]) -> Unconstrained:
+    def part(chosen: Bool[np.ndarray, " gaussians"], share: float) -> Unconstrained:
         selected = take_rows(gaussians, np.flatnonzero(chosen))
         rows = int(selected.count * growth) if density.interval else selected.count
         if density.relocates and session.options.fit.transient:
-            rows = rows_beside_transients(selected.count, progress.most, gpu=gpu)
+            rows = rows_beside_transients(selected.count, progress.most, share=share)
         return with_rows(unconstrain(selected), -(-rows // step) * step)
 
-    parameters = Parameters(part(~moves), part(moves), None, corrections)
+    parameters = Parameters(part(~moves, still), part(moves, moving), None, corrections)
     return begin_state(parameters), replace(progress, limit=limit)
 
 
-def rows_beside_transients(count: int, budget: int, *, gpu: bool) -> int:
+def least_shares() -> tuple[float, float]:
+    """The least share of the budget for which this device has rows of what stands still and of what
+    moves, where transient Gaussians share the budget."""
+    return (_ROWS_STILL, _ROWS_MOVING) if jax.default_backend() == "gpu" else (0.0, 0.0)
+
+
+def rows_beside_transients(count: int, budget: int, *, share: float) -> int:
     """How many rows static or moving Gaussians begin with where transient ones share the budget.
 
     Every step computes empty rows, too, so they begin with two rows each. Where these fill up, more
     are added (`relocate_dead`), and programs compile again. A GPU waits longer for that than its
-    steps take for a quarter of the budget, which what moves seldom exceeds
-    (experiments/captures/log.md).
+    steps take for rows that stay empty. What stands still comes to most of the budget, what moves
+    seldom exceeds a quarter (experiments/captures/log.md).
 
     Args:
         count: number of Gaussians of the kind.
         budget: the largest number of Gaussians of all kinds, at least `count`.
-        gpu: whether the steps run on a GPU.
+        share: least share of the budget for which there are rows, if there are Gaussians.
     """
-    least = int(_ROWS_SHARE * budget) if gpu and count else 0
+    least = int(share * budget) if count else 0
     return min(budget, max(least, _ROWS_EACH * count))

@@ -7,19 +7,24 @@ import numpy as np
 from gaussray.camera.array import rays_per_pixel
 from gaussray.reconstruct.block_sizes import BlockSizes
 from gaussray.reconstruct.data.batches import Batch
-from gaussray.reconstruct.optimize.rows import occupied
+from gaussray.reconstruct.optimize.optimizer import transients_of
+from gaussray.reconstruct.optimize.rows import occupied, take_rows
 from gaussray.reconstruct.optimize.state import State
 from gaussray.reconstruct.run_progress import RunProgress, SavedSizes
 from gaussray.reconstruct.session import Session
 from gaussray.reconstruct.step import measure_sizes
 from gaussray.reconstruct.step_loss import StepOptions
 from gaussray.runtime.devices import from_primary
-from gaussray.tracer.options import grid_levels
+from gaussray.tracer.options import grid_levels, on_kernel
 from gaussray.tracer.traverse import Capacity
 
 
 # Sizes of what tiles see: persistent and transient Gaussians.
 _SEEN = 2
+# The lists of the CUDA kernel: entries of a list of one bundle, and the rows of transient Gaussians
+# for each place of those that are alive, at least; and within how many lifetimes of its instant one
+# is alive (an opacity of 1 has faded below 1 / 255 after 3.3).
+_SLOTS, _ROWS_OF_A_PLACE, _ALIVE = 4096, 8, 3.4
 
 
 def step_options(session: Session, stage: str) -> StepOptions:
@@ -57,7 +62,8 @@ def step_options(session: Session, stage: str) -> StepOptions:
 def first_sizes(session: Session, state: State, batches: Batch) -> BlockSizes:
     """The sizes to compile the steps of a stage for, with room for what density control adds.
 
-    Gaussians that replace each other are smaller, so lists grow more slowly than their number.
+    Gaussians that replace each other are smaller, so lists grow more slowly than their number. The
+    lists of the CUDA kernel are short beside the pictures of a step, so they are not measured.
 
     Args:
         session: the segment.
@@ -66,6 +72,9 @@ def first_sizes(session: Session, state: State, batches: Batch) -> BlockSizes:
     """
     mesh, keys, density = session.mesh, session.key_states(state), session.options.density
     count = gaussian_count(state)
+    if on_kernel(session.options.trace, session.footage.camera.time.dtype):
+        none = (1,) * _levels(session)
+        return BlockSizes(Capacity(none, 1, _SLOTS, _places_alive(session, state)), mesh, keys)
     sizes = measure_sizes(
         state,
         session.footage.camera,
@@ -77,6 +86,21 @@ def first_sizes(session: Session, state: State, batches: Batch) -> BlockSizes:
         growth=(density.room(count) / max(count, 1)) ** 0.5 if density.interval else 1.0,
     )
     return _sizes([int(n) for n in from_primary(np.array(_numbers(sizes)))], session, state)
+
+
+def _places_alive(session: Session, state: State) -> int:
+    """Places for the transient Gaussians that are alive at one time, a power of two: twice as many
+    as are at the times of the pictures, and some for those that density control adds."""
+    free = state.parameters.transient
+    if free is None:
+        return 0
+    found = transients_of(take_rows(free, np.flatnonzero(occupied(free))), session.cameras.times)
+    instant, around = np.asarray(found.instant), np.asarray(found.plateau)
+    around = around + _ALIVE * np.asarray(found.lifetime)
+    begun = np.searchsorted(np.sort(instant - around), session.times, "right")
+    alive = begun - np.searchsorted(np.sort(instant + around), session.times, "left")
+    wanted = max(2 * int(np.max(alive)), len(free.mean) // _ROWS_OF_A_PLACE, 1)
+    return 1 << (wanted - 1).bit_length()
 
 
 def known_sizes(

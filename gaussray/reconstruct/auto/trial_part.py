@@ -55,7 +55,7 @@ def _still_views(views: Sequence[View]) -> list[list[View]]:
     place = np.array(viewpoints(views))
     numbers, pictures = np.unique(place, return_counts=True)
     chosen = evenly_spread(numbers[pictures >= 3].tolist(), _CAMERAS)
-    every = [[views[k] for k in np.flatnonzero(place == number)] for number in chosen]
+    every = [[views[k] for k in np.flatnonzero(place == number).tolist()] for number in chosen]
     return [sorted(own, key=lambda view: view.time) for own in every]
 
 
