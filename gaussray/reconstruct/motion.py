@@ -93,6 +93,19 @@ def with_motion(session: Session, state: State, progress: RunProgress) -> tuple[
     return begin_state(Parameters(static, moving, *own)), progress
 
 
+def find_motion(session: Session, parameters: Parameters) -> None:
+    """Find what pictures alone tell of what moves (`by_pictures_alone`): its points and control
+    points, which fits of the same pictures share.
+
+    Args:
+        session: the segment.
+        parameters: the Gaussians, of any values.
+    """
+    clouds = _clouds(session, parameters, None)
+    if session.options.fit.control and session.has_videos:
+        _control_points(session, clouds, None)
+
+
 def _unexplained(session: Session, state: State) -> UnexplainedPixels:
     """Which pixels of a training frame the static Gaussians of a state do not show."""
     static = state.parameters.static
@@ -118,15 +131,20 @@ def _clouds(
             session.footage, times, moved=moved, known=known, alone=alone, report=report
         )
 
-    if not _by_pictures_alone(session, moved):
+    if not by_pictures_alone(session, moved):
         held = occupied(parameters.static)
         return found(np.asarray(parameters.static.mean)[held])
     points, key = session.initial_points, ("moving points", *times, *session.points_key)
     return session.shared.once(key, lambda: found(points.position))
 
 
-def _by_pictures_alone(session: Session, moved: UnexplainedPixels | None) -> bool:
-    """Whether the pictures tell what moves, and where what stands still is, before any fit."""
+def by_pictures_alone(session: Session, moved: UnexplainedPixels | None) -> bool:
+    """Whether the pictures tell what moves, and where what stands still is, before any fit.
+
+    Args:
+        session: the segment.
+        moved: which pixels what stands still does not show, where cameras move.
+    """
     return moved is None and not session.is_continuation and session.initial_points.on_surfaces
 
 
@@ -139,7 +157,7 @@ def _control_points(
     def found() -> ControlPoints | None:
         return tracked_surface(clouds, seed=seed, report=session.progress_report("track"))
 
-    if not _by_pictures_alone(session, moved):
+    if not by_pictures_alone(session, moved):
         return found()
     times = [cloud.time for cloud in clouds]
     return session.shared.once(("control points", *times, *session.points_key), found)

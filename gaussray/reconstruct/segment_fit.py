@@ -24,13 +24,13 @@ from gaussray.reconstruct.initialize.impacts import with_impacts
 from gaussray.reconstruct.loop import run_stage
 from gaussray.reconstruct.motion import with_motion
 from gaussray.reconstruct.optimize.state import State
-from gaussray.reconstruct.programs_ahead import programs_ahead
 from gaussray.reconstruct.run_progress import RunProgress
 from gaussray.reconstruct.session import Session
 from gaussray.reconstruct.simplify.measure import Tracing, TrainingViews
 from gaussray.reconstruct.simplify.prune import pruned_scene
 from gaussray.reconstruct.simplify.summary import summary_line
 from gaussray.reconstruct.start import continued_state, initial_state
+from gaussray.reconstruct.work_ahead import work_ahead
 from gaussray.scene.deformation import Deformation
 from gaussray.scene.scene import Scene
 from gaussray.tracer.shard import mesh
@@ -51,23 +51,21 @@ def fitted_state(
         session.shared.once("poses", lambda: warn_of_wrong_poses(session.footage))
     if state is not None:
         session.resume(state, progress)
-        return _after_stages(session, state, progress, lambda stage, state: None)
-    ahead = programs_ahead(session)
-    try:
-        return _after_stages(session, *initial_state(session, progress), ahead.wait_for)
-    finally:
-        ahead.end()
+        return _after_stages(session, state, progress, lambda state: None)
+    state, progress = initial_state(session, progress)
+    with work_ahead(session, state, progress) as ready:
+        return _after_stages(session, state, progress, ready)
 
 
 def _after_stages(
-    session: Session, state: State, progress: RunProgress, ready: Callable[[str, State], None]
+    session: Session, state: State, progress: RunProgress, ready: Callable[[State], None]
 ) -> tuple[State, RunProgress]:
-    """The state after all stages that are left of a segment; `ready` is called before each."""
+    """The state after all stages that are left of a segment; `ready` is called before the fine
+    one."""
     if progress.stage == "coarse":
         # Transient Gaussians are there at all times at once.
         fit = session.options.fit
         if fit.deforms or session.still_first or len(session.times) == 1:
-            ready("coarse", state)
             state, progress = run_stage(session, "coarse", state, progress)
         state, progress = with_motion(session, state, progress)
     elif progress.stage == "begin":
@@ -75,7 +73,7 @@ def _after_stages(
         state, progress = with_motion(session, state, progress)
     if len(session.times) == 1:
         return state, progress
-    ready("fine", state)
+    ready(state)
     return run_stage(session, "fine", state, progress)
 
 

@@ -21,10 +21,12 @@ from gaussray.tracer.traverse import Capacity
 
 # Sizes of what tiles see: persistent and transient Gaussians.
 _SEEN = 2
-# The lists of the CUDA kernel: entries of a list of one bundle, and the rows of transient Gaussians
-# for each place of those that are alive, at least; and within how many lifetimes of its instant one
-# is alive (an opacity of 1 has faded below 1 / 255 after 3.3).
-_SLOTS, _ROWS_OF_A_PLACE, _ALIVE = 4096, 8, 3.4
+# The lists of the CUDA kernel: entries of a list of one bundle (experiments/captures/log.md).
+_SLOTS = 1 << 14
+# Places for transient Gaussians that are alive: how many times as many as there are at first; at
+# least a share of the rows, up to a largest number; and within how many lifetimes of its instant
+# one is alive (an opacity of 1 has faded below 1 / 255 after 3.3).
+_MORE_ALIVE, _SHARE_ALIVE, _FEW_ALIVE, _ALIVE = 1.25, 0.25, 1 << 16, 3.4
 
 
 def step_options(session: Session, stage: str) -> StepOptions:
@@ -63,7 +65,7 @@ def first_sizes(session: Session, state: State, batches: Batch) -> BlockSizes:
     """The sizes to compile the steps of a stage for, with room for what density control adds.
 
     Gaussians that replace each other are smaller, so lists grow more slowly than their number. The
-    lists of the CUDA kernel are short beside the pictures of a step, so they are not measured.
+    lists of the CUDA kernel take little memory, so they are not measured.
 
     Args:
         session: the segment.
@@ -89,8 +91,8 @@ def first_sizes(session: Session, state: State, batches: Batch) -> BlockSizes:
 
 
 def _places_alive(session: Session, state: State) -> int:
-    """Places for the transient Gaussians that are alive at one time, a power of two: twice as many
-    as are at the times of the pictures, and some for those that density control adds."""
+    """Places for the transient Gaussians that are alive at one time, a power of two: more than are
+    at the times of the pictures, as density control adds some."""
     free = state.parameters.transient
     if free is None:
         return 0
@@ -99,7 +101,8 @@ def _places_alive(session: Session, state: State) -> int:
     around = around + _ALIVE * np.asarray(found.lifetime)
     begun = np.searchsorted(np.sort(instant - around), session.times, "right")
     alive = begun - np.searchsorted(np.sort(instant + around), session.times, "left")
-    wanted = max(2 * int(np.max(alive)), len(free.mean) // _ROWS_OF_A_PLACE, 1)
+    least = min(int(_SHARE_ALIVE * len(free.mean)), _FEW_ALIVE)
+    wanted = max(int(_MORE_ALIVE * np.max(alive)), least, 1)
     return 1 << (wanted - 1).bit_length()
 
 

@@ -50,11 +50,15 @@ def step_jit(function: Callable[_P, _R]) -> Callable[_P, _R]:
     """`eqx.filter_jit` with the options of `step_compiler`, which are found at the first call: only
     then are the devices known."""
     jit: Any = eqx.filter_jit  # Its types leave out the options that it hands on to `jax.jit`.
-    compiled = functools.cache(lambda: jit(function, compiler_options=step_compiler()))
+    made = functools.cache(lambda: jit(function, compiler_options=step_compiler()))
+    lock = threading.Lock()
 
     @functools.wraps(function)
     def called(*args: _P.args, **kwargs: _P.kwargs) -> _R:
-        return compiled()(*args, **kwargs)
+        # Of several threads one makes it: each would compile its own programs.
+        with lock:
+            compiled = made()
+        return compiled(*args, **kwargs)
 
     return called
 

@@ -1,10 +1,11 @@
 """Several pieces of work at the same time: all of them, or as many as there are threads."""
 
+import contextlib
 import contextvars
 import itertools
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor, wait
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextvars import ContextVar
 from typing import TypeVar
 
@@ -68,6 +69,31 @@ def run_side_by_side(works: Sequence[Callable[[], T]]) -> list[T]:
     if causes:
         raise causes[0]
     return [future.result() for future in futures]
+
+
+@contextlib.contextmanager
+def beside(works: Sequence[Callable[[], T]]) -> Iterator[list[Future[T]]]:
+    """In this context several pieces of work are done by threads; what is not done when it ends is
+    given up at its next progress report.
+
+    Args:
+        works: functions of nothing. They find the context variables of the caller.
+
+    Returns:
+        Their results, or the exceptions that they raised.
+    """
+    given_up = threading.Event()
+
+    def done(work: Callable[[], T]) -> T:
+        _given_up.set(given_up)
+        return work()
+
+    threads = ThreadPoolExecutor(max(len(works), 1), "beside")
+    try:
+        yield [threads.submit(contextvars.copy_context().run, done, work) for work in works]
+    finally:
+        given_up.set()
+        threads.shutdown(wait=False, cancel_futures=True)
 
 
 def threads_within(size: float) -> int:
