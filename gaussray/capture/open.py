@@ -8,6 +8,7 @@ from pathlib import Path
 import jax.numpy as jnp
 from jaxtyping import DTypeLike
 
+from gaussray.capture.camera_clocks import warn_of_other_clocks
 from gaussray.capture.capture import Capture, View
 from gaussray.capture.clip_start import with_clip_starts
 from gaussray.capture.distant_origin import read_near_origin
@@ -171,6 +172,7 @@ def open_capture(
     selection = selection or Selection()
     capture = selected(at_stored_sizes(capture), selection)
     capture = with_clip_starts(capture, selection.clip_start)
+    warn_of_other_clocks(capture)
     warn_of_trained_tests(capture)
     return capture
 

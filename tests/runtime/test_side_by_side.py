@@ -9,6 +9,7 @@ import pytest
 from gaussray.runtime import side_by_side
 from gaussray.runtime.progress import Progress
 from gaussray.runtime.side_by_side import (
+    beside,
     demand_wanted,
     mapped_in_threads,
     run_side_by_side,
@@ -103,3 +104,23 @@ def test_after_an_error_no_further_item_is_begun():
 def test_threads_share_a_memory(monkeypatch):
     monkeypatch.setattr(side_by_side, "cores", lambda: 16)
     assert [threads_within(size) for size in (0, 1e6, 4e8, 9e9)] == [16, 16, 5, 1]
+
+
+def test_work_beside_the_callers_ends_with_its_context():
+    begun, after = threading.Event(), []
+
+    def endless():
+        begun.set()
+        while True:
+            demand_wanted()
+            time.sleep(0.01)
+
+    def failing():
+        raise ValueError("mine")
+
+    with beside([lambda: 3, endless, failing]) as (three, never, wrong):
+        assert three.result(_IN_VAIN) == 3 and begun.wait(_IN_VAIN)
+        assert isinstance(wrong.exception(_IN_VAIN), ValueError)
+        after.append(never.done())
+    assert after == [False]
+    assert isinstance(never.exception(_IN_VAIN), side_by_side.GivenUp)

@@ -158,10 +158,13 @@ def inside(folder: Path, name: str, where: object) -> Path:
     except (OSError, RuntimeError, ValueError) as error:
         raise ValueError(f"{where} must be the name of a file, got {name!r} ({error}).") from None
     if not any(real.is_relative_to(other) for other in known):
-        if real.exists():
+        link = _link_on_the_way(folder, name)
+        if real.exists() or link is not None:
+            allowed = real.parent if link is None or link.is_file() else link.resolve()
+            through = "" if link is None else f" ({link.name} is a link)"
             remedy = (
-                f". Copy it there, or, if you trust the manifest, allow its folder: "
-                f"limits.folders=['{real.parent}']."
+                f"{through}. Copy it there, or, if you trust the manifest, allow its folder: "
+                f"limits.folders=['{allowed}']."
             )
         else:
             remedy = f" and does not exist.{same_name_hint(home, name)} Correct the name."
@@ -169,6 +172,14 @@ def inside(folder: Path, name: str, where: object) -> Path:
             f"{where} must name a file in {home}, got {name!r}, which is {real}{remedy}"
         )
     return path
+
+
+def _link_on_the_way(folder: Path, name: str) -> Path | None:
+    """The first link to something that exists on the way from a folder to a file in it; None if
+    there is none."""
+    parts = Path(name).parts
+    ways = (folder.joinpath(*parts[:count]) for count in range(1, len(parts) + 1))
+    return next((way for way in ways if way.is_symlink() and way.exists()), None)
 
 
 def same_name_hint(folder: Path, name: str) -> str:

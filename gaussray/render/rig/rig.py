@@ -34,8 +34,9 @@ from gaussray.render.rig.shutter import (
 from gaussray.render.rig.trajectory import TrajectoryOptions as TrajectoryOptions, move_cameras
 
 
-# Times (the capture's unit) that differ by less are equal.
-_SAME_TIME = 1e-6
+# Times (the capture's unit) that differ by less are equal; and the share of the time between two
+# frames by which a given time may be off that of a frame.
+_SAME_TIME, _SAME_FRAME = 1e-6, 0.1
 # Cameras that a message names.
 _NAMED = 10
 
@@ -134,21 +135,17 @@ def _choose(views: Sequence[View], options: CameraOptions) -> list[tuple[str, st
         for view in views
         if (view.camera_name in options.names if options.names else split in ("all", view.split))
     ]
-    if of_cameras:
-        _check_times(of_cameras, options)
-    chosen = [
-        view
-        for view in of_cameras
-        if not options.times or np.min(np.abs(np.array(options.times) - view.time)) < _SAME_TIME
-    ]
-    if not chosen:
+    if of_cameras and options.times:
+        times = np.array(_frame_times(of_cameras, options.times))
+        of_cameras = [v for v in of_cameras if np.min(np.abs(times - v.time)) < _SAME_TIME]
+    if not of_cameras:
         splits = list(dict.fromkeys(view.split for view in views)) or ["train"]
         raise ValueError(
             "camera.split, camera.names and camera.times choose no frame of the capture; its "
             f"cameras are {_some(list(names))}, its splits {', '.join(splits)}. Choose e.g. "
             f"camera.split={splits[0]}."
         )
-    return [(view.camera_name, view.split, view.camera) for view in chosen]
+    return [(view.camera_name, view.split, view.camera) for view in of_cameras]
 
 
 def _some(names: Sequence[str]) -> str:
@@ -163,16 +160,22 @@ def _alike(name: str, names: Sequence[str]) -> str:
     return f" Did you mean {alike[0]}?" if alike else ""
 
 
-def _check_times(views: Sequence[View], options: CameraOptions) -> None:
+def _frame_times(views: Sequence[View], given: Sequence[float]) -> list[float]:
+    """The times of frames that are meant by given ones, which may be rounded."""
     times = np.unique([view.time for view in views])
-    for time in options.times:
+    off = max(_SAME_FRAME * float(np.median(np.diff(times))) if len(times) > 1 else 0, _SAME_TIME)
+    meant = []
+    for time in given:
         distance = np.abs(times - time)
-        if np.min(distance) >= _SAME_TIME:
-            near = ", ".join(f"{t:.8g}" for t in np.sort(times[np.argsort(distance)[:2]]))
+        nearest = np.argsort(distance)[:2]
+        if distance[nearest[0]] > off:
+            near = ", ".join(f"{t:.8g}" for t in np.sort(times[nearest]))
             raise ValueError(
                 f"camera.times must be times of frames of the capture, got {time:g}; the nearest "
                 f"are {near}."
             )
+        meant.append(float(times[nearest[0]]))
+    return meant
 
 
 def _with_aperture(camera: Camera, options: ApertureOptions) -> Camera:

@@ -74,6 +74,11 @@ def test_names_and_times_choose(views):
     assert [r.camera_name for r in built(views, camera=camera)] == ["cam_0", "cam_1"]
 
 
+def test_a_time_that_is_rounded_is_that_of_its_frame(views):
+    camera = rig.CameraOptions(names=("cam_0",), times=(0.48, 1.0))
+    assert [float(r.camera.time) for r in built(views, camera=camera)] == [0.5, 1.0]
+
+
 def test_an_unknown_camera_is_refused_with_the_one_most_like_it(views):
     many = [dataclasses.replace(views[0], camera_name=f"r_{k:02d}") for k in range(30)]
     says = r"\(r_00, .*, r_09 and 20 others\), got r_011\. Did you mean r_[01]1\?$"
