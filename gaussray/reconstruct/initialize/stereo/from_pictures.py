@@ -177,6 +177,7 @@ def moving_points(
         return motion.displacement / (times[other] - times[k]), motion.residual
 
     clouds, result = [], []
+    report(0, 2 * len(times), "loads or compiles its programs")
     for cloud in mapped_in_threads(cloud_at, times, _threads()):
         clouds.append(cloud)
         report(len(clouds), 2 * len(times))
