@@ -18,8 +18,8 @@ U = TypeVar("U")
 # Bytes that threads which work on large arrays take together.
 _MEMORY = 2e9
 
-# Set once nobody wants the result of this thread's work any more.
-_given_up: ContextVar[threading.Event | None] = ContextVar("given_up", default=None)
+# One of them is set once nobody wants the result of this thread's work any more.
+_given_up: ContextVar[tuple[threading.Event, ...]] = ContextVar("given_up", default=())
 
 
 class GivenUp(Exception):
@@ -31,8 +31,7 @@ def demand_wanted() -> None:
 
     Long work calls this between its steps (`Progress.report` does).
     """
-    event = _given_up.get()
-    if event is not None and event.is_set():
+    if any(event.is_set() for event in _given_up.get()):
         raise GivenUp
 
 
@@ -50,7 +49,7 @@ def run_side_by_side(works: Sequence[Callable[[], T]]) -> list[T]:
     given_up = threading.Event()
 
     def done(work: Callable[[], T]) -> T:
-        _given_up.set(given_up)
+        _given_up.set((*_given_up.get(), given_up))
         try:
             return work()
         except BaseException:
@@ -85,7 +84,7 @@ def beside(works: Sequence[Callable[[], T]]) -> Iterator[list[Future[T]]]:
     given_up = threading.Event()
 
     def done(work: Callable[[], T]) -> T:
-        _given_up.set(given_up)
+        _given_up.set((*_given_up.get(), given_up))
         return work()
 
     threads = ThreadPoolExecutor(max(len(works), 1), "beside")

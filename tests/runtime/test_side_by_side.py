@@ -124,3 +124,28 @@ def test_work_beside_the_callers_ends_with_its_context():
         after.append(never.done())
     assert after == [False]
     assert isinstance(never.exception(_IN_VAIN), side_by_side.GivenUp)
+
+
+def test_work_beside_work_that_is_given_up_is_given_up_too():
+    begun = threading.Event()
+
+    def endless():
+        begun.set()
+        while True:
+            demand_wanted()
+            time.sleep(0.01)
+
+    def waiting():
+        with beside([endless]) as (inner,):
+            # As one who waits for a lock that the inner work holds.
+            inner.exception(_IN_VAIN)
+            return inner.done()
+
+    def failing():
+        begun.wait(_IN_VAIN)
+        raise ValueError("other")
+
+    start = time.monotonic()
+    with pytest.raises(ValueError, match="other"):
+        run_side_by_side([waiting, failing])
+    assert time.monotonic() - start < _IN_VAIN
