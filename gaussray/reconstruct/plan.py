@@ -82,8 +82,9 @@ def fit_plan(
     say(common_times_sentence(recorded, capture))
     at_once, shared = machine.runs_two_fits, SharedResults()
     fits = TrialFits(tried.capture, parts[0], out, fit, shared, devices, quiet, at_once=at_once)
-    tries = bool(candidates) and not resume
-    short = _of_trial_part(fits, options.fit.segment, say) if tries else fits
+    # Rigid bodies are searched for at every time, other motion at a few.
+    long = "deformation" in candidates and not resume
+    short = _of_trial_part(fits, options.fit.segment, say) if long else fits
     chosen, scores = with_motion_tried(
         short, chosen, candidates, steps=machine.trial_steps, resume=resume, say=say
     )
