@@ -218,6 +218,7 @@ def _calibrate(cfg: Configuration, devices: int | None) -> dict[str, Any]:
 def _prepare(cfg: Configuration, devices: int | None) -> None:
     from gaussray.prepare import options, prepare_capture
     from gaussray.prepare.errors import PrepareError
+    from gaussray.prepare.findings.finding import Finding, doubts_text
     from gaussray.prepare.pipeline import FACTS_FILE
     from gaussray.report import write_page
 
@@ -235,16 +236,14 @@ def _prepare(cfg: Configuration, devices: int | None) -> None:
         if cfg.report and (out / FACTS_FILE).is_file():
             raise PrepareError(f"{error} See {write_page('prepare', out)}.") from None
         raise
-    doubtful = [finding["text"] for finding in facts["findings"] if finding["level"] == "warn"]
-    more = f" {len(doubtful)} doubtful: {'; '.join(doubtful)}. See report.html." if doubtful else ""
     times = facts["timestamps"]
     pictures = f"{counted(len(facts['cameras']), 'camera')}, {counted(times, 'timestamp')}"
     if not facts["rate"]:
         pictures = f"{times} photographs"
-    text = (
-        f"{out}: {pictures}, {facts['points']} points.{more} Next: gaussray reconstruct "
-        f"capture.path={out}"
-    )
+    lines = [f"{out}: {pictures}, {facts['points']} points."]
+    if doubts := doubts_text(Finding(**finding) for finding in facts["findings"]):
+        lines += [doubts, f"See {out / 'report.html'}."] if cfg.report else [doubts]
+    text = "\n".join([*lines, f"Next: gaussray reconstruct capture.path={out}"])
     _say(text, out=str(out), findings=facts["findings"])
 
 

@@ -1,5 +1,7 @@
 """Brightness of the same points in different cameras."""
 
+from typing import NamedTuple
+
 import numpy as np
 from jaxtyping import Float
 
@@ -14,10 +16,27 @@ _DARK, _BRIGHT = 12, 243
 LEAST_SHARED = 20
 _ROUNDS = 20
 _TABLE = srgb_decode(np.arange(256) / 255.0)
+# Percentile of a picture's levels that tells how bright it is, and every so many rows and columns
+# of which it is taken.
+_BRIGHTEST, _STRIDE = 95, 4
+# Stops by which a picture is darker than most if nothing in it can be compared.
+_DARKER = 2.0
 
 
-def observed_levels(placement: Placement, files: dict[str, list]) -> Float[np.ndarray, "n 3"]:
-    """The 8-bit levels of each observation, means over 3 x 3 pixels.
+class ObservedLevels(NamedTuple):
+    """What the pictures show.
+
+    Args:
+        observed: 8-bit levels of each observation, means over 3 x 3 pixels.
+        brightest: for each camera the level that few pixels of a picture exceed.
+    """
+
+    observed: Float[np.ndarray, "n 3"]
+    brightest: dict[str, float]
+
+
+def observed_levels(placement: Placement, files: dict[str, list]) -> ObservedLevels:
+    """The levels of each observation, and of the pictures.
 
     Args:
         placement: observations, and keypoints with the timestamp of each.
@@ -25,22 +44,27 @@ def observed_levels(placement: Placement, files: dict[str, list]) -> Float[np.nd
     """
     seen, model = placement.model.observations, placement.model
     levels = np.zeros((len(seen.point), 3))
+    brightest = {}
     for k, name in enumerate(model.pictures):
         lens, camera = model.lenses[k], placement.pictures[name].camera
         mine = np.flatnonzero(seen.picture == k)
         instants = placement.keypoints[name].instant[seen.keypoint[mine]]
-        for instant in np.unique(instants):
+        # A camera without observations has brightness, too.
+        for instant in np.unique(instants) if len(instants) else [placement.pictures[name].instant]:
             here = mine[instants == instant]
             picture = read_levels(files[camera][instant], lens["w"], lens["h"])
+            if camera not in brightest:
+                shown = picture[::_STRIDE, ::_STRIDE]
+                brightest[camera] = float(np.percentile(shown, _BRIGHTEST))
             x, y = (np.clip(seen.xy[here, i].astype(int), 1, s - 2)
                     for i, s in ((0, lens["w"]), (1, lens["h"])))  # fmt: skip
             around = [picture[y + j, x + i] for i in (-1, 0, 1) for j in (-1, 0, 1)]
             levels[here] = np.mean(around, axis=0)
-    return levels
+    return ObservedLevels(levels, brightest)
 
 
 def exposure_gains(
-    placement: Placement, levels: Float[np.ndarray, "n 3"]
+    placement: Placement, levels: ObservedLevels
 ) -> dict[str, tuple[Float[np.ndarray, "3"], int]]:
     """How much brighter each camera records the same points than the mean of all cameras.
 
@@ -49,20 +73,21 @@ def exposure_gains(
 
     Args:
         placement: observations of the points by the cameras.
-        levels: 8-bit levels of each observation (`observed_levels`); nearly black and nearly white
-            ones do not count.
+        levels: those of each observation (`observed_levels`), of which nearly black and nearly
+            white ones do not count, and of the pictures.
 
     Returns:
-        For each camera the gain of each channel in stops, 0 with fewer than `LEAST_SHARED`
-        observations, and the number of these.
+        For each camera the gain of each channel in stops, and the number of observations. With
+        fewer than `LEAST_SHARED` of these the gain is 0, or, where the whole picture is much darker
+        than those of the other cameras, how much.
     """
     seen = placement.model.observations
     names = [placement.pictures[name].camera for name in placement.model.pictures]
     cameras = {name: k for k, name in enumerate(dict.fromkeys(names))}
     camera = np.array([cameras[name] for name in names], int)[seen.picture]
-    good = ((levels > _DARK) & (levels < _BRIGHT)).all(axis=1)
+    good = ((levels.observed > _DARK) & (levels.observed < _BRIGHT)).all(axis=1)
     rows = np.flatnonzero(good)
-    light = np.log2(_TABLE[np.clip(levels[rows].round().astype(int), 0, 255)])
+    light = np.log2(_TABLE[np.clip(levels.observed[rows].round().astype(int), 0, 255)])
     point, camera = seen.point[rows], camera[rows]
     shared = _shared(point, camera, len(placement.model.points))
     light, point, camera = light[shared], point[shared], camera[shared]
@@ -78,22 +103,40 @@ def exposure_gains(
                 gains[k] = np.median((light - mean[point])[camera == k], axis=0)
         if (known := count >= LEAST_SHARED).any():
             gains[known] -= gains[known].mean(axis=0)
+    dark = _darkness(levels.brightest, [n for n, k in cameras.items() if count[k] >= LEAST_SHARED])
+    for name, k in cameras.items():
+        if count[k] < LEAST_SHARED:
+            gains[k] = dark.get(name, 0.0)
     return {name: (gains[k], int(count[k])) for name, k in cameras.items()}
 
 
-def point_levels(placement: Placement, levels: Float[np.ndarray, "n 3"]) -> np.ndarray:
+def point_levels(placement: Placement, levels: ObservedLevels) -> np.ndarray:
     """8-bit colours [points, 3]: means over the observations in linear light.
 
     Args:
         placement: observations of the points.
-        levels: 8-bit levels of each observation (`observed_levels`).
+        levels: those of each observation (`observed_levels`).
     """
     seen = placement.model.observations
     count = len(placement.model.points)
-    light = srgb_decode(levels / 255.0)
+    light = srgb_decode(levels.observed / 255.0)
     number = np.maximum(np.bincount(seen.point, minlength=count), 1)
     mean = [np.bincount(seen.point, light[:, i], minlength=count) / number for i in range(3)]
     return np.floor(255 * srgb_encode(np.stack(mean, axis=1)) + 0.5).astype(np.uint8)
+
+
+def _darkness(brightest: dict[str, float], known: list[str]) -> dict[str, float]:
+    """Stops, below 0, of the cameras whose pictures are much darker than those of most that are
+    known."""
+    # A black picture has level 0, and no number of stops.
+    light = {
+        name: float(np.log2(np.interp(max(level, 1.0), np.arange(256), _TABLE)))
+        for name, level in brightest.items()
+    }
+    if not known:
+        return {}
+    usual = float(np.median([light[name] for name in known]))
+    return {name: own - usual for name, own in light.items() if own < usual - _DARKER}
 
 
 def _shared(point: np.ndarray, camera: np.ndarray, count: int) -> np.ndarray:

@@ -231,6 +231,13 @@ def read_keypoints(database: Path, pictures: Iterable[MatchingPicture]) -> dict[
     return result
 
 
+def median_features(database: Path) -> float:
+    """The number of features of a picture, the median of all pictures of a database."""
+    with pycolmap().Database.open(database) as db:
+        numbers = [image.image_id for image in db.read_all_images()]
+        return float(np.median([db.num_keypoints_for_image(number) for number in numbers]))
+
+
 def verified_matches(database: Path) -> dict[tuple[str, str], Int[np.ndarray, "m 2"]]:
     """Verified matches of each pair of files: indices of keypoints that one geometry explains."""
     with pycolmap().Database.open(database) as db:

@@ -20,7 +20,9 @@ from gaussray.prepare.lens_check import lens_complaint
 from gaussray.prepare.lens_models import MODEL_OF_CHOICE, from_colmap
 from gaussray.prepare.missing_poses import (
     FIRST_PAIR,
+    FIRST_PAIR_AT_LAST,
     MOSTLY_FLAT,
+    best_pair,
     flat_pairs,
     lacks_parallax,
     missing_poses_reason,
@@ -82,8 +84,10 @@ def estimate_poses(
         total = db.num_images()
     say(f"Poses of {total} pictures are estimated, if need be in several attempts.")
     found = _reconstruction(database, pictures, options)
-    # Of pictures from one place, more tries find points that are none.
-    again = found is not None or flat_pairs(database)[0] < MOSTLY_FLAT
+    # Of pictures from one place, more tries find points that are none, and without a pair to begin
+    # with they find nothing.
+    begins = best_pair(database) >= FIRST_PAIR_AT_LAST
+    again = found is not None or (begins and flat_pairs(database)[0] < MOSTLY_FLAT)
     if again and options.model in _STRAIGHTENED and _is_poor(found, total):
         say(f"Few pictures have a pose with poses.model={options.model}: once more with pinhole.")
         _forget_distortion(database)

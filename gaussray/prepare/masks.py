@@ -6,6 +6,7 @@ import shutil
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from shlex import quote
 
 import numpy as np
 from jaxtyping import UInt8
@@ -14,13 +15,14 @@ from gaussray.capture.errors import CaptureWarning
 from gaussray.capture.mask_folder import MASK_FOLDER, mask_in
 from gaussray.capture.orientation import stored_orientation, upright_pixels
 from gaussray.capture.picture_file import open_image, picture_size, read_levels
+from gaussray.capture.videos import VIDEO_SUFFIXES
 from gaussray.dataset.images import write_image
 from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.input_files import files_in
 from gaussray.prepare.photographs import HEIC_SUFFIXES, PHOTOGRAPH_SUFFIXES
 from gaussray.prepare.sources import Source
 from gaussray.prepare.timeline import Timeline
-from gaussray.runtime.output import counted
+from gaussray.runtime.output import counted, first_of
 from gaussray.runtime.progress import say
 
 
@@ -42,7 +44,8 @@ def copy_masks(
     `images/CAMERA/a.jpg`, upright as the pictures are; white pixels count.
 
     A line says how many pictures have one, a warning how many masks have another size than their
-    picture, which are left out, or that a folder of masks has none of these pictures.
+    picture, which are left out, or that a folder of masks has none of these pictures or is of a
+    video, whose masks are not read.
 
     Args:
         sources: the cameras.
@@ -53,6 +56,7 @@ def copy_masks(
     Raises:
         PrepareError: A mask is needed, and no picture has one.
     """
+    _warn_of_masks_of_videos(sources)
     found, wrong, count = 0, [], 0
     # Pictures of one folder have names of their own, also if these say several cameras.
     alone = len({path.parent for source in sources for path in source.pictures}) == 1
@@ -84,6 +88,33 @@ def copy_masks(
         )
     if not found:
         _tell_none(sources, alone, needed, bool(wrong))
+
+
+def _warn_of_masks_of_videos(sources: Sequence[Source]) -> None:
+    """Warn of folders of masks that belong to videos: beside a video that is alone in its folder,
+    or of the camera's name in a folder of masks."""
+    found: dict[Path, Source] = {}
+    for source in (source for source in sources if source.is_video):
+        home = source.path.parent
+        alone = len(files_in(home, VIDEO_SUFFIXES)) == 1
+        places = [home / name for name in _FOLDERS] if alone else []
+        places += [up / name / source.name for up in (home, home.parent) for name in _FOLDERS]
+        for place in places:
+            if place.is_dir() and files_in(place, PHOTOGRAPH_SUFFIXES):
+                found.setdefault(place, source)
+    if found:
+        place, source = next(iter(found.items()))
+        inner = source.path.stem != source.name
+        folder = source.path.parent if inner else source.path.with_suffix("")
+        warnings.warn(
+            f"{first_of([str(path) for path in found])}: masks are not read with videos. To use "
+            "masks, write the frames of each video as pictures into a folder of its camera, "
+            f"`mkdir -p {quote(str(folder))} && ffmpeg -i {quote(str(source.path))} "
+            f"{quote(str(folder / '%06d.png'))}`, move the video out of the input, and call the "
+            "masks as the pictures.",
+            CaptureWarning,
+            stacklevel=3,
+        )
 
 
 def _tell_none(sources: Sequence[Source], alone: bool, needed: bool, wrong: bool) -> None:

@@ -5,13 +5,15 @@ from pathlib import Path
 import numpy as np
 
 from gaussray.prepare.colmap import pycolmap
+from gaussray.prepare.features import median_features
 
 
 # Features of a picture that shows nothing: black, out of focus, a bare wall. A poor picture of 320
 # x 240 has some hundred.
 _BARE = 30
-# Fewest verified matches of the pair with which a reconstruction begins.
-FIRST_PAIR = 50
+# Fewest verified matches of the pair with which a reconstruction begins; and those with which one
+# may, because COLMAP halves its demand twice.
+FIRST_PAIR, FIRST_PAIR_AT_LAST = 50, 12
 # Share of the pairs that a homography explains where there may be no parallax; and the observations
 # of points, as a share of the matches, below which there is none: those of a camera that only turns
 # are 0.2 % at most, those of a flat wall, seen from several places, 40 %.
@@ -58,17 +60,16 @@ def missing_poses_reason(database: Path, still: bool = False) -> str:
         still: whether pictures hold the features of several timestamps of a camera.
     """
     with pycolmap().Database.open(database) as db:
-        images = db.read_all_images()
-        features = [db.num_keypoints_for_image(image.image_id) for image in images]
-    if len(images) < 2:
+        images = db.num_images()
+    if images < 2:
         return (
             "poses must be estimated from at least two pictures from different places, got a "
             "single picture or a single camera that stands still. Add cameras, move the camera "
             "(poses.rig=moving says that it does), or give a calibration as poses.calibration=FILE."
         )
-    if np.median(features) < _BARE:
+    if (features := median_features(database)) < _BARE:
         return (
-            f"the pictures must show texture, got {int(np.median(features))} features a picture "
+            f"the pictures must show texture, got {int(features)} features a picture "
             "(median). Check that they are not black, overexposed or out of focus; "
             "plain walls need posters, or a calibration as poses.calibration=FILE."
         )
@@ -81,7 +82,7 @@ def missing_poses_reason(database: Path, still: bool = False) -> str:
             "far away: put something in front of it, or give a calibration as "
             "poses.calibration=FILE."
         )
-    best = max(_verified_counts(database), default=0)
+    best = best_pair(database)
     if best >= FIRST_PAIR:
         return (
             f"the pictures must tell where their cameras are, got {best} verified matches of the "
@@ -99,8 +100,8 @@ def missing_poses_reason(database: Path, still: bool = False) -> str:
     )
 
 
-def _verified_counts(database: Path) -> list[int]:
-    """The number of verified matches of each pair that has a geometry."""
+def best_pair(database: Path) -> int:
+    """The number of verified matches of the pair that has most of them."""
     with pycolmap().Database.open(database) as db:
         _, geometries = db.read_two_view_geometries()
-    return [len(geometry.inlier_matches) for geometry in geometries]
+    return max((len(geometry.inlier_matches) for geometry in geometries), default=0)

@@ -21,7 +21,7 @@ from gaussray.prepare.findings.cameras import camera_findings
 from gaussray.prepare.findings.clocks import sync_findings
 from gaussray.prepare.findings.epipolar_lines import epipolar_findings
 from gaussray.prepare.findings.exposures import exposure_findings
-from gaussray.prepare.findings.finding import Finding
+from gaussray.prepare.findings.finding import Finding, merged_findings
 from gaussray.prepare.findings.lenses import lens_findings
 from gaussray.prepare.findings.points import point_findings
 from gaussray.prepare.given_lens import given_lenses
@@ -38,6 +38,7 @@ from gaussray.prepare.timeline import (
     common_timeline,
     resampled,
     tell_assumed_rate,
+    tell_numbers,
     thinned_timeline,
 )
 from gaussray.runtime.progress import say
@@ -80,6 +81,7 @@ def prepare_capture(
         remarks = [*remarks, *resized]
     sync = synchronise(sources, options.sync)
     timeline = common_timeline(sources, sync, options.frames)
+    tell_numbers(sources, sync)
     tell_assumed_rate(sources, timeline, options.frames)
     if len(sources) == 1 and not options.frames.rate and resampled(sources, timeline):
         used, count = len(timeline.times), sources[0].count
@@ -143,7 +145,7 @@ def _checked(
     found += epipolar_findings(placement, pairs)
     found += exposure_findings(gains)
     facts = facts_of(sources, sync, timeline, files, placement, pairs, gains, out)
-    facts["findings"] = [finding._asdict() for finding in found]
+    facts["findings"] = [finding._asdict() for finding in merged_findings(found)]
     write_json(out / FACTS_FILE, facts)
     if message := refusal(facts):
         (out / PINHOLE_FILE).unlink(missing_ok=True)

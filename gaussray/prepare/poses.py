@@ -18,6 +18,7 @@ from gaussray.prepare.given_lens import LensesBySize
 from gaussray.prepare.mapping import estimate_poses, poses_with_given_lenses, verify
 from gaussray.prepare.masks import write_matching_masks
 from gaussray.prepare.media import write_matching_pictures
+from gaussray.prepare.missing_poses import missing_poses_reason
 from gaussray.prepare.options import PrepareOptions
 from gaussray.prepare.sources import Source
 from gaussray.prepare.sparse_model import SparseModel
@@ -97,8 +98,10 @@ def find_poses(
     if still is None:
         written = _write_pictures(sources, timeline, files, everyone, work, options)
         _extract(work, written, lenses, options)
-        still = _still_cameras(work / _FEATURES, written, options)
-        _tell_rig(sorted(still), sorted(everyone - still))
+        _check_features(work / _FEATURES)
+        found = _still_cameras(work / _FEATURES, written, options)
+        still = found or frozenset()
+        _tell_rig(found, everyone)
     if known is not None and still < everyone:
         raise PrepareError(
             "poses.calibration must be of cameras that stand still, got pictures that move. "
@@ -116,20 +119,39 @@ def find_poses(
         work = work / "placed"
         written = _write_pictures(sources, timeline, files, still, work, options)
         _extract(work, written, lenses, options)
+        if known is None:
+            _check_features(work / _FEATURES)
     placement = _placed(work, written, still, known, options, lenses is not None)
     return dataclasses.replace(placement, stride=stride)
 
 
-def _tell_rig(still: Sequence[str], moving: Sequence[str]) -> None:
-    """Say which cameras stand still, by their pictures, and how to say otherwise."""
-    if not moving:
+def _check_features(database: Path) -> None:
+    """Refuse pictures most of which have no feature, before they are compared."""
+    if not features.median_features(database):
+        raise PrepareError(missing_poses_reason(database))
+
+
+def _tell_rig(found: frozenset[str] | None, everyone: frozenset[str]) -> None:
+    """Say which cameras stand still, by their pictures, and how to say otherwise.
+
+    Args:
+        found: the cameras that stand still; None if the pictures do not tell.
+        everyone: all cameras.
+    """
+    if found is None:
+        say(
+            "The pictures of no camera share enough features to tell whether it stands still: all "
+            "are taken to move (poses.rig=still: they do not)."
+        )
+    elif found == everyone:
         say("By their pictures, all cameras stand still (poses.rig=moving: they do not).")
-    elif not still:
+    elif not found:
         say("By their pictures, all cameras move (poses.rig=still: they do not).")
     else:
         say(
-            f"By their pictures, cameras stand still ({first_of(still)}) or move "
-            f"({first_of(moving)}). If only what they show moves, set poses.rig=still."
+            f"By their pictures, cameras stand still ({first_of(sorted(found))}) or move "
+            f"({first_of(sorted(everyone - found))}). If only what they show moves, set "
+            "poses.rig=still."
         )
 
 
@@ -211,8 +233,9 @@ def _extract(
 
 def _still_cameras(
     database: Path, written: Sequence[MatchingPicture], options: PrepareOptions
-) -> frozenset[str]:
-    """The cameras that show their first picture again in the middle one and in the last one.
+) -> frozenset[str] | None:
+    """The cameras that show their first picture again in the middle one and in the last one; None
+    if that cannot be told of any camera.
 
     Most of the cameras decide about one whose own pictures do not: of which hardly a feature is
     found again, as where most of a picture moves, or half of them stay.
@@ -236,7 +259,9 @@ def _still_cameras(
         ]
         shares[name] = min(found, default=None)
     known = [share for share in shares.values() if share is not None]
-    most = bool(known) and 2 * sum(share >= _STILL for share in known) >= len(known)
+    if not known:
+        return None
+    most = 2 * sum(share >= _STILL for share in known) >= len(known)
 
     def stands_still(share: float | None) -> bool:
         return most if share is None or _MOVING < share < _STILL else share >= _STILL

@@ -177,9 +177,19 @@ def _check_sources(folder: Path, sources: list[Source], unread: list[str]) -> No
     names = [source.name for source in sources]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
+        first, other = [source for source in sources if source.name == twice][:2]
+        both = " and ".join(
+            "the folder " * (not source.is_video) + str(source.path.relative_to(folder))
+            for source in (first, other)
+        )
+        remedy = (
+            f"If the folder {other.path.name} holds the frames of the video, move one of them out "
+            "of the input; else rename one."
+            if first.is_video and not other.is_video
+            else "Rename one of them."
+        )
         raise PrepareError(
-            f"videos={folder}: each camera must have a name of its own, got {twice} twice. Rename "
-            "one of the files."
+            f"videos={folder}: each camera must have a name of its own, got {both}. {remedy}"
         )
 
 

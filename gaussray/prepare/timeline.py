@@ -6,6 +6,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 from jaxtyping import Float, Int
 
+from gaussray.capture.frame_numbers import FrameNumbers, frame_numbers
 from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.options import FramesOptions
 from gaussray.prepare.sources import Source
@@ -48,8 +49,10 @@ class Timeline:
 def common_timeline(sources: Sequence[Source], sync: Sync, options: FramesOptions) -> Timeline:
     """The timestamps that all cameras share, and the nearest frame of each camera at each of them.
 
-    The shift of a frame against its timestamp, at most half a frame, is kept. Of a video that is
-    alone, by a camera on its way, each k-th frame is used, so that they are at most MOST_OF_ONE.
+    The shift of a frame against its timestamp, at most half a frame of its camera, is kept. Of a
+    video that is alone, by a camera on its way, each k-th frame is used, so that they are at most
+    MOST_OF_ONE. Folders of pictures alone share the numbers that all of them have
+    (`numbers_of_pictures`).
 
     Args:
         sources: cameras of the input; one folder of pictures alone is photographs without a time.
@@ -64,38 +67,62 @@ def common_timeline(sources: Sequence[Source], sync: Sync, options: FramesOption
         zeros = np.zeros(count)
         name = sources[0].name
         return Timeline(0.0, zeros, {name: np.arange(count)}, {name: zeros})
-    clocks = {source.name: _clock(source, sync, options) for source in sources}
+    found = numbers_of_pictures(sources, sync)
+    clocks = {source.name: _clock(source, sync, options, found) for source in sources}
     rates = [source.rate or options.rate or PICTURE_RATE for source in sources]
     rate = options.rate or min(rates) / _stride(sources, min(rates), options)
-    begin = max(float(clock[0]) for clock in clocks.values())
-    end = min(float(clock[-1]) for clock in clocks.values())
-    # The grid goes through the frames of the slowest camera, which then shows each frame once.
-    slowest = clocks[sources[int(np.argmin(rates))].name]
-    slack = 0.5 / rate
-    start = (
-        float(slowest[np.searchsorted(slowest, begin - slack * 0.99)])
-        if _shared(slowest, begin - slack)
-        else begin
-    )
-    count = int(np.floor((end + slack - start) * rate)) + 1 if end + slack > start else 0
-    if count < 1:
+    if found.common and len(found.numbers) == len(sources):
+        grid = clocks[sources[0].name][found.places(sources[0].name)]
+    else:
+        grid = _even_grid(list(clocks.values()), rates, rate)
+    if not len(grid):
         spans = ", ".join(f"{n} {c[0]:.2f} to {c[-1]:.2f} s" for n, c in clocks.items())
         raise PrepareError(
             f"the videos must overlap in time, got {spans} after synchronisation. Give the right "
             "offsets as sync.offsets=[...], or sync.method=none if they start together."
         )
-    grid = start + np.arange(count) / rate
+    whole = grid - grid[0]
     if options.span:
         first, last = options.span
-        grid = grid[(grid - start >= first - 1e-9) & (grid - start <= last + 1e-9)]
+        grid = grid[(whole >= first - 1e-9) & (whole <= last + 1e-9)]
     if not len(grid):
         raise PrepareError(
-            f"frames.span must lie in the common time of 0 to {(count - 1) / rate:.2f} s, got "
+            f"frames.span must lie in the common time of 0 to {whole[-1]:.2f} s, got "
             f"{list(options.span)}."
         )
     frames = {name: _nearest(clock, grid) for name, clock in clocks.items()}
     shifts = {name: clocks[name][index] - grid for name, index in frames.items()}
     return Timeline(rate, grid - grid[0], frames, shifts)
+
+
+def numbers_of_pictures(sources: Sequence[Source], sync: Sync) -> FrameNumbers:
+    """How the pictures of the folders among the cameras belong together (`frame_numbers`): in
+    their order, without a doubt, where the user gives the times of their first ones.
+
+    Args:
+        sources: cameras of the input.
+        sync: how their offsets were found.
+    """
+    given = sync.method == "known"
+    return frame_numbers({s.name: s.pictures for s in sources if not (s.is_video or given)})
+
+
+def tell_numbers(sources: Sequence[Source], sync: Sync) -> None:
+    """Say that pictures go together by the numbers in their names, where their order would not do.
+
+    Args:
+        sources: cameras of the input.
+        sync: how their offsets were found.
+    """
+    found = numbers_of_pictures(sources, sync)
+    if found.common and not found.is_order:
+        a, b = [source for source in sources if not source.is_video][:2]
+        pair = (f"{s.name}/{s.pictures[found.places(s.name)[0]].name}" for s in (a, b))
+        say(
+            f"{first_of(list(found.numbers))}: pictures go together by the numbers in their names "
+            f"({' with '.join(pair)}), of which all folders have {len(found.common)}. "
+            f"sync.offsets={str([0] * len(sources)).replace(' ', '')} pairs them by their order."
+        )
 
 
 def tell_assumed_rate(
@@ -179,15 +206,34 @@ def resampled(sources: Sequence[Source], timeline: Timeline) -> list[str]:
     return [s.name for s in sources if s.rate and abs(s.rate / timeline.rate - 1) > _SAME]
 
 
-def _clock(source: Source, sync: Sync, options: FramesOptions) -> Float[np.ndarray, " frames"]:
+def _clock(
+    source: Source, sync: Sync, options: FramesOptions, found: FrameNumbers
+) -> Float[np.ndarray, " frames"]:
     """Common time of each frame of a camera."""
     if source.is_video:
         return source.times + sync.offsets[source.name]
-    return np.arange(source.count) / (options.rate or PICTURE_RATE) + sync.offsets[source.name]
+    counts = found.counts(source.name) if found.common else np.arange(source.count)
+    return np.array(counts) / (options.rate or PICTURE_RATE) + sync.offsets[source.name]
 
 
-def _shared(clock: np.ndarray, time: float) -> bool:
-    return bool(clock[-1] >= time)
+def _even_grid(
+    clocks: Sequence[np.ndarray], rates: Sequence[float], rate: float
+) -> Float[np.ndarray, " times"]:
+    """Evenly spaced times that all cameras share; none if they share none.
+
+    Args:
+        clocks: common time of each frame of each camera.
+        rates: frames per second of each camera, of each of which half a frame counts at its ends.
+        rate: timestamps per second.
+    """
+    slack = [0.495 / own for own in rates]
+    begin = max(float(clock[0]) - half for clock, half in zip(clocks, slack, strict=True))
+    end = min(float(clock[-1]) + half for clock, half in zip(clocks, slack, strict=True))
+    # The grid goes through the frames of the slowest camera, which then shows each frame once.
+    slowest = clocks[int(np.argmin(rates))]
+    shared = slowest[(slowest >= begin) & (slowest <= end)]
+    start = float(shared[0]) if len(shared) else begin
+    return start + np.arange(max(int(np.floor((end - start) * rate)) + 1, 0)) / rate
 
 
 def _nearest(

@@ -38,9 +38,11 @@ def registered(count, bend=0.0):
     return found
 
 
-def tried(monkeypatch, database, *found, **options):
-    """The poses that are found if attempts end like this, and how the attempts were made."""
+def tried(monkeypatch, database, *found, best=12, **options):
+    """The poses that are found if attempts end like this, and how the attempts were made. The best
+    pair has so many matches."""
     made, left = [], list(found)
+    monkeypatch.setattr(mapping, "best_pair", lambda database: best)
 
     def incremental(database, pictures, out, options, **_):
         with colmap.Database.open(database) as db:
@@ -110,6 +112,12 @@ def test_pictures_from_one_place_are_not_tried_again(monkeypatch, database):
     monkeypatch.setattr(mapping, "flat_pairs", lambda database: (1.0, 10))
     with pytest.raises(PrepareError):
         tried(monkeypatch, database, None)
+
+
+def test_pictures_of_which_no_pair_has_enough_matches_are_not_tried_again(monkeypatch, database):
+    # A second attempt would fail here, because it has no end.
+    with pytest.raises(PrepareError, match="must show texture"):
+        tried(monkeypatch, database, None, best=11)
 
 
 def test_progress_counts_the_pictures_of_each_attempt(tmp_path, database, monkeypatch):

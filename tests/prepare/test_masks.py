@@ -162,3 +162,26 @@ def test_of_two_masks_of_one_picture_a_png_counts(tmp_path):
         write_image(tmp_path / "x" / f"{name}.png", np.full((2, 2, 3), 255, np.uint8))
         (tmp_path / "x" / f"{name}.png").rename(tmp_path / "x" / name)
     assert marked_masks(tmp_path / "x") == {"a": tmp_path / "x" / "a_mask.png"}
+
+
+@pytest.mark.parametrize("layout", ["cam1/masks", "masks/cam1", "masks"])
+@pytest.mark.filterwarnings("ignore:.*by the name no pictures of a camera")
+def test_masks_of_videos_are_told_not_to_be_read(tmp_path, layout):
+    inner = layout == "cam1/masks"
+    (tmp_path / "in/cam1").mkdir(parents=True)
+    write_video(tmp_path / "clip.mp4", [BLACK] * 3)
+    target = tmp_path / "in" / ("cam1/clip.mp4" if inner else "cam1.mp4")
+    (tmp_path / "clip.mp4").rename(target)
+    write_image(tmp_path / "in" / layout / "0000.png", half_white())
+    command = r"mkdir -p \S*in/cam1 && ffmpeg -i \S*1\S*.mp4 \S*in/cam1/%06d.png"
+    with pytest.warns(CaptureWarning, match=f"{layout}: masks are not read with videos.*{command}"):
+        copied(tmp_path / "in", tmp_path / "out")
+
+
+@pytest.mark.filterwarnings("error")
+def test_folders_of_masks_without_masks_are_no_reason_to_warn(tmp_path):
+    (tmp_path / "in/masks/other").mkdir(parents=True)
+    for name in "ab":
+        write_video(tmp_path / "in" / f"{name}.mp4", [BLACK] * 3)
+    write_image(tmp_path / "in/masks/other/0.png", half_white())
+    copied(tmp_path / "in", tmp_path / "out")

@@ -23,7 +23,7 @@ from gaussray.capture.errors import CaptureWarning
 from gaussray.capture.open import open_capture
 from gaussray.dataset.images import write_image
 from gaussray.geometry import BLENDER_AXES
-from gaussray.prepare import features, pipeline, prepare_capture
+from gaussray.prepare import features, pipeline, poses, prepare_capture
 from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.options import FramesOptions, PosesOptions, PrepareOptions, SyncOptions
 from gaussray.report import write_page
@@ -372,6 +372,35 @@ def test_black_videos_are_refused(tmp_path):
     for name in "ab":
         write_video(tmp_path / "in" / f"{name}.mp4", [np.zeros((120, 160, 3), np.uint8)] * 4)
     refused(tmp_path / "in", "show texture, but all 2 cameras' .* an even colour.*not black")
+
+
+@pytest.mark.parametrize("rig", ["auto", "moving"])
+def test_pictures_without_features_are_refused_before_they_are_compared(
+    tmp_path, monkeypatch, capsys, rig
+):
+    """A smooth picture shows something, but nothing that could be found again."""
+    (tmp_path / "in").mkdir()
+    shade = np.linspace(20, 230, 160) + np.linspace(-20, 20, 120)[:, None]
+    frame = np.repeat(shade.astype(np.uint8)[..., None], 3, axis=-1)
+    for name in "ab":
+        write_video(tmp_path / "in" / f"{name}.mp4", [frame] * 4)
+    monkeypatch.setattr(pipeline, "check_details", lambda sources: None)
+    monkeypatch.setattr(features, "match_features", None)
+    refused(tmp_path / "in", "show texture, got 0 features a picture", poses=PosesOptions(rig=rig))
+    assert "move" not in capsys.readouterr().out
+
+
+def test_cameras_that_share_no_feature_are_not_said_to_move(tmp_path, monkeypatch, capsys):
+    pictures = [features.MatchingPicture(f"{k}.png", "ab"[k % 2], k, (64, 48)) for k in range(4)]
+    monkeypatch.setattr(features, "match_features", lambda *_: None)
+    monkeypatch.setattr(features, "read_keypoints", lambda *_: {})
+    monkeypatch.setattr(features, "raw_matches", lambda *_: {})
+    assert poses._still_cameras(tmp_path, pictures, PrepareOptions()) is None
+    everyone = frozenset("ab")
+    poses._tell_rig(None, everyone)
+    assert "taken to move (poses.rig=still" in capsys.readouterr().out
+    poses._tell_rig(frozenset("a"), everyone)
+    assert "stand still (a) or move (b)" in capsys.readouterr().out
 
 
 def test_videos_of_different_rooms_are_refused(tmp_path, painted):

@@ -288,7 +288,15 @@ def test_folders_of_folders_beside_cameras_are_told(tmp_path, capsys):
 def test_two_cameras_of_one_name_are_refused(tmp_path):
     write_video(tmp_path / "a.mp4", [BLACK] * 3)
     write_video(tmp_path / "a.mkv", [BLACK] * 3)
-    with pytest.raises(PrepareError, match="got a twice"):
+    with pytest.raises(PrepareError, match=r"got a\.mkv and a\.mp4\. Rename one of them"):
+        find_sources(tmp_path)
+
+
+def test_the_frames_of_a_video_beside_it_are_no_other_camera(tmp_path):
+    write_video(tmp_path / "a.mp4", [BLACK] * 3)
+    write_image(tmp_path / "a" / "0.png", BLACK)
+    text = r"got a\.mp4 and the folder a\. If the folder a holds the frames .*, move one"
+    with pytest.raises(PrepareError, match=text):
         find_sources(tmp_path)
 
 

@@ -17,6 +17,7 @@ from gaussray.prepare.timeline import (
     of_one_rate,
     resampled,
     tell_assumed_rate,
+    tell_numbers,
     thinned_timeline,
 )
 
@@ -116,6 +117,69 @@ def test_videos_that_share_no_time_are_refused():
         common_timeline(sources, sync(a=0.0, b=5.0), FramesOptions())
     with pytest.raises(PrepareError, match="frames.span"):
         common_timeline(sources, sync(a=0.0, b=0.0), FramesOptions(span=(7.0, 8.0)))
+
+
+def folder(name, numbers):
+    pictures = tuple(pathlib.Path(f"{name}/{n:06d}.jpg") for n in numbers)
+    return Source(name, pathlib.Path(name), pictures, np.zeros(0), ((64, 48),))
+
+
+def together(sources):
+    zeros = dict.fromkeys((source.name for source in sources), 0.0)
+    return Sync("none", zeros, zeros, zeros)
+
+
+def test_pictures_of_one_number_have_one_time(capsys):
+    sources = [folder("a", range(10)), folder("b", [2, 3, 4, *range(7, 14)])]
+    sources.append(folder("c", range(4, 14)))
+    line = common_timeline(sources, together(sources), FramesOptions(rate=2.0))
+    assert line.times == pytest.approx([0, 1.5, 2, 2.5]) and line.rate == 2
+    assert {name: own.tolist() for name, own in line.frames.items()} == {
+        "a": [4, 7, 8, 9], "b": [2, 3, 4, 5], "c": [0, 3, 4, 5]
+    }  # fmt: skip
+    assert all(not own.any() for own in line.shifts.values())
+    part = common_timeline(sources, together(sources), FramesOptions(rate=2.0, span=(1.5, 2.0)))
+    assert part.times == pytest.approx([0, 0.5]) and part.frames["c"].tolist() == [3, 4]
+    tell_numbers(sources, together(sources))
+    said = capsys.readouterr().out
+    assert "(a/000004.jpg with b/000004.jpg), of which all folders have 4. sync.offs" in said
+    # Whoever gives offsets, gives the times of the first pictures.
+    line = common_timeline(sources, sync(a=0.0, b=0.0, c=0.0), FramesOptions())
+    assert line.frames["c"].tolist() == list(range(10))
+    tell_numbers(sources, sync(a=0.0, b=0.0, c=0.0))
+    tell_numbers(sources[:1] * 2, together(sources))
+    assert not capsys.readouterr().out
+
+
+def test_folders_that_may_count_alike_are_paired_by_their_order():
+    sources = [folder("a", range(10)), folder("b", range(1, 11))]
+    line = common_timeline(sources, together(sources), FramesOptions())
+    assert line.frames["a"].tolist() == line.frames["b"].tolist() == list(range(10))
+
+
+def test_a_missing_picture_beside_a_video_leaves_its_time_out_of_no_clock():
+    sources = [video("v", 30, 10), folder("a", [0, 1, 2, 3, 6, 7, 8, 9]), folder("b", range(10))]
+    line = common_timeline(sources, together(sources), FramesOptions())
+    assert line.frames["v"].tolist() == line.frames["b"].tolist() == list(range(10))
+    assert line.frames["a"].tolist() == [0, 1, 2, 3, 3, 4, 4, 5, 6, 7]
+    assert line.shifts["a"] * 30 == pytest.approx([0, 0, 0, 0, -1, 1, 0, 0, 0, 0])
+
+
+def test_the_first_timestamp_is_none_before_a_late_camera():
+    sources = [video("a", 25, 100), video("b", 25, 80)]
+    line = common_timeline(sources, sync(a=0.0, b=0.74), FramesOptions(rate=2.0))
+    assert line.frames["b"][0] == 0
+    for name in "ab":
+        assert np.abs(line.shifts[name]).max() <= 0.5 / 25 + 1e-9
+
+
+@pytest.mark.parametrize("rate", [0.0, 10.0, 25.0])
+def test_a_camera_of_a_lower_rate_than_the_timestamps_shows_its_nearest_frames(rate):
+    sources = [video("a", 25, 50), video("b", 5, 10)]
+    line = common_timeline(sources, sync(a=0.0, b=0.14), FramesOptions(rate=rate))
+    assert np.abs(line.shifts["b"]).max() <= 0.5 / 5 + 1e-9
+    assert np.abs(line.shifts["a"]).max() <= 0.5 / 25 + 1e-9
+    assert set(line.frames["b"].tolist()) == set(range(10))
 
 
 def test_one_folder_of_pictures_has_no_time():

@@ -19,6 +19,7 @@ from gaussray.capture.formats.colmap_files import (
     model_folder,
     read_colmap_model,
 )
+from gaussray.capture.formats.colmap_frames import frames_together
 from gaussray.capture.formats.colmap_project import project_folder
 from gaussray.capture.formats.json_keys import Keys
 from gaussray.capture.formats.lenses import unusual_pixels
@@ -64,7 +65,9 @@ def read_colmap(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
     - If that folder has no second picture, for the frames of the video `cam00.mp4` (or .mov .mkv
       .avi .webm) in the capture's folder, in videos/ or in images/.
 
-    All cameras must have the same number of frames; frame i of n is at time i / n. If the pictures
+    All cameras must have the same number of frames; frame i of n is at time i / n. Of folders of
+    cameras that stand still, pictures of one number belong together (`frame_numbers`), and those
+    whose number a folder lacks are left out, with a warning. If the pictures
     of a folder are registered at one place, the camera is fixed there. If at several, the camera
     moves: only registered pictures are used, each as a camera of its own, at its time in the
     folder. If no camera has a second frame, the capture is static, at time 0, with a warning. No
@@ -98,23 +101,25 @@ def read_colmap(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
         )
     cameras = _cameras(folder, model)
     frames = {name: _frames(folder, name, camera) for name, camera in cameras.items()}
-    _check_counts(folder, model, {name: len(paths) for name, paths in frames.items()})
     poses = {image: _pose(model.file, image) for image in model.images}
     extent = float(np.linalg.norm(np.ptp([pose[:, 3] for pose in poses.values()], axis=0)))
+    fixed = {n: _is_fixed(list(c.images.values()), poses, extent) for n, c in cameras.items()}
+    frames, times = frames_together(folder, frames, all(fixed.values()))
+    _check_counts(folder, model, {name: len(paths) for name, paths in frames.items()})
     registered = views_of(Keys(model.file, {}), _keys(model, poses), dtype)
     _check_lenses(model)
     view_of = dict(zip(poses, registered, strict=True))
     views = []
     for name, camera in cameras.items():
         placed = {path: view_of[image] for path, image in camera.images.items()}
-        if _is_fixed(list(camera.images.values()), poses, extent):
-            fixed = dataclasses.replace(next(iter(placed.values())), camera_name=name)
-            views += views_in_time(fixed, frames[name])
+        if fixed[name]:
+            first = dataclasses.replace(next(iter(placed.values())), camera_name=name)
+            views += views_in_time(first, frames[name], times)
         else:
             views += _moving(name, placed, frames[name])
     _warn_of_few(given, model, len(views))
-    times = [view.time for view in views]
-    return Capture(folder, views, {}, model.points, (min(times), max(times)), "normalised")
+    span = min(view.time for view in views), max(view.time for view in views)
+    return Capture(folder, views, {}, model.points, span, "normalised")
 
 
 def _check_is_capture(folder: Path, place: Path) -> None:

@@ -48,7 +48,7 @@ def assign_cameras(
     listed = [camera.name for camera in calibration.cameras]
     names = [*listed, *calibration.left_out]
     given: dict[str, str] = {}
-    result, findings = {}, []
+    result, findings, unsized = {}, [], []
     for source in sources:
         name = like_name(names, source.name)
         if name is None:
@@ -71,7 +71,11 @@ def assign_cameras(
             camera.lens, source.name, (source.width, source.height), "poses.calibration"
         )
         findings += [finding] if finding else []
+        unsized += [finding] if finding and not camera.lens["w"] else []
         result[source.name] = KnownCamera(source.name, lens, camera.pose)
+    if unsized:
+        more = f" (and of {len(unsized) - 1} more cameras alike)" if len(unsized) > 1 else ""
+        say(f"{unsized[0].text}{more}. {unsized[0].remedy}")
     if not result:
         reasons = "; ".join(f"{name} {reason}" for name, reason in calibration.left_out.items())
         raise PrepareError(

@@ -10,7 +10,7 @@ import yaml
 from gaussray.io.safe.aliases import check_aliases
 from gaussray.io.safe.files import read_text
 from gaussray.prepare.calibrations.known_camera import (
-    CALIBRATION_KINDS,
+    ALL_KINDS,
     KnownCamera,
     check_name,
     opencv_camera,
@@ -66,8 +66,8 @@ def _refuse_intrinsics(path: Path, keys: list[str]) -> None:
     if lens is not None:
         raise PrepareError(
             f"{path}: holds the lens of one camera ({lens}), and poses.calibration needs the "
-            f"lenses and poses of all cameras. Give {CALIBRATION_KINDS}; or leave it out, and give "
-            f"poses.lens={path} to estimate poses with this lens."
+            f"lenses and poses of all cameras. Give a file that has them, or leave it out and give "
+            f"poses.lens={path} to estimate poses with this lens. {ALL_KINDS}"
         )
 
 

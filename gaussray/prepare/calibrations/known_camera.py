@@ -13,25 +13,23 @@ from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.lens_models import LensKeyValues
 
 
-# The files that are read (`read_calibration`), for messages.
-CALIBRATION_KINDS = (
-    "Qualisys .qca.txt or .xml, Pose2Sim, Anipose or Caliscope .toml, intri.yml beside extri.yml "
-    "(EasyMocap) or Intrinsic.yml beside Extrinsic.yml (Pose2Sim), Kalibr .yaml, nerfstudio's "
-    "transforms.json, Panoptic's calibration.json, Metashape .xml, .json with K, R and t "
-    "(OpenCV's, world to camera) of each camera under its name, a stereo calibration of OpenCV "
-    "(intrinsics.yml beside extrinsics.yml with M1 D1 M2 D2 R T, or .npz of cv2.stereoCalibrate), "
-    "or camera0_intrinsics.dat beside camera0_rot_trans.dat (also c0.dat, rot_trans_c0.dat)"
-)
+# Where all files that are read are listed, for messages.
+ALL_KINDS = "docs/prepare.md#a-calibration-with-poses lists all kinds."
 # How to give a calibration of another kind.
 TOML_RECIPE = (
     "Write its cameras to a .toml with a table for each, [cam_0], that has matrix, distortions, "
-    "size, rotation and translation (OpenCV's rotation vector and translation, world to camera; "
-    "four, five or eight distortion coefficients k1 k2 p1 p2 k3 k4 k5 k6)"
+    "size, rotation and translation (OpenCV's, world to camera)"
+)
+JSON_RECIPE = (
+    "Give each camera, under its name, finite numbers for K (3 x 3), R and t (OpenCV's, world to "
+    "camera), dist and size"
 )
 # OpenCV's distortion coefficients in their order.
 OPENCV_ORDER = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 # The last row of a camera matrix may differ from (0, 0, 1) by this, where text has few digits.
 _LAST_ROW = 1e-3
+# Larger numbers make no camera, and their squares may overflow.
+_HUGE = 1e12
 # Most columns and rows of a picture.
 _MOST = 10**6
 
@@ -90,17 +88,29 @@ def opencv_camera(
         fisheye: OpenCV's fisheye model with k1 to k4, instead of k1, k2, p1, p2, k3 to k6.
 
     Raises:
-        PrepareError: A number is not finite, a focal length is not positive, the last row of
-            `matrix` is not (0, 0, 1), `pose` has no rotation, a coefficient that the lens model
-            does not have is not 0, or `size` is neither 0 nor whole numbers from 1 to 10^6.
+        PrepareError: A number is not finite or too large, a focal length is not positive, the last
+            row of `matrix` is not (0, 0, 1), `pose` has no rotation or one with a reflection, a
+            coefficient that the lens model does not have is not 0, or `size` is neither 0 nor
+            whole numbers from 1 to 10^6.
     """
     values = np.concatenate([matrix.ravel(), distortion.ravel(), pose.ravel()])
     turn = pose[:, :3]
-    wrong = not np.isfinite(values).all() or min(matrix[0, 0], matrix[1, 1]) <= 0
-    if wrong or np.abs(turn @ turn.T - np.eye(3)).max() > ORTHONORMAL or np.linalg.det(turn) < 0:
+    if not np.all(np.abs(values) <= _HUGE):
+        raise PrepareError(
+            f"{where}: camera {name} must have finite numbers of at most {_HUGE:g}, got "
+            f"{values[~(np.abs(values) <= _HUGE)][0]:g}. Calibrate it again."
+        )
+    unequal = np.abs(turn @ turn.T - np.eye(3)).max()
+    if unequal > ORTHONORMAL or min(matrix[0, 0], matrix[1, 1]) <= 0:
         raise PrepareError(
             f"{where}: camera {name} must have positive focal lengths and a rotation, got matrix "
             f"{matrix.tolist()} and rotation {turn.tolist()}. Calibrate it again."
+        )
+    if np.linalg.det(turn) < 0:
+        raise PrepareError(
+            f"{where}: the rotation of camera {name} must have determinant 1, got -1: one axis is "
+            "mirrored. Negate it in all cameras: the column of R for an axis of the world, or the "
+            "row of R with its number of t for an axis of the camera."
         )
     if np.abs(matrix[2] - (0, 0, 1)).max() > _LAST_ROW:
         raise PrepareError(

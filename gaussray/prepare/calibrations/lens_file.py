@@ -13,12 +13,12 @@ from gaussray.prepare.calibrations.known_camera import check_name
 from gaussray.prepare.calibrations.lens_values import (
     has_camera_matrix,
     lens_of_values,
-    sizes_in,
 )
 from gaussray.prepare.calibrations.nerfstudio import frame_lens, read_nerfstudio
 from gaussray.prepare.calibrations.opencv_json import CAMERA_NAME_KEYS, said_name
 from gaussray.prepare.calibrations.opencv_storage import is_storage, storage_values
 from gaussray.prepare.calibrations.opencv_yaml import read_opencv_yaml
+from gaussray.prepare.calibrations.picture_sizes import sizes_in
 from gaussray.prepare.calibrations.read import read_calibration
 from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.lens_models import LensKeyValues

@@ -9,7 +9,8 @@ from jaxtyping import Float
 
 from gaussray.prepare.calibrations.known_camera import opencv_camera, refuse_distortion
 from gaussray.prepare.calibrations.opencv_numbers import DISTORTION_COUNTS, finite_numbers
-from gaussray.prepare.calibrations.stereo_pair import VALUE_NAMES, plain_key
+from gaussray.prepare.calibrations.picture_sizes import sides_in
+from gaussray.prepare.calibrations.value_names import VALUE_NAMES, plain_key
 from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.lens_models import LensKeyValues
 
@@ -17,7 +18,6 @@ from gaussray.prepare.lens_models import LensKeyValues
 # How many numbers the values of one camera may have: of a matrix, Kalibr and EuRoC write its focal
 # lengths and principal point alone.
 _COUNTS = {"matrix": (9, 4), "distortion": DISTORTION_COUNTS, "size": (2,)}
-_WIDTH, _HEIGHT = ("imagewidth", "width", "w"), ("imageheight", "height", "h")
 # Names of models (ROS, Kalibr, EuRoC), as plain keys: OpenCV's, and its fisheye.
 _PLAIN = ("", "none", "radtan", "radialtangential", "plumbbob", "rationalpolynomial", "opencv")
 _FISHEYE = ("equidistant", "equi", "fisheye", "opencvfisheye", "kannalabrandt", "kannalabrandt4")
@@ -29,12 +29,6 @@ _NO_DISTORTION = ("distortionmodel", "distortionmodels")
 
 # Keys of distortion that is not one list of OpenCV's coefficients.
 _APART = re.compile(r"k[1-6]|p[12]|radial.*|tangential.*|.*coef.*")
-
-
-def sizes_in(values: Mapping[str, Any]) -> dict[str, Any]:
-    """The values that say the size of a camera's pictures."""
-    names = (*VALUE_NAMES["size"], *_WIDTH, *_HEIGHT)
-    return {key: value for key, value in values.items() if plain_key(key) in names}
 
 
 def has_camera_matrix(values: Any) -> bool:
@@ -66,7 +60,7 @@ def lens_of_values(where: str, values: Mapping[str, Any], *, name: str = "") -> 
     apart = [
         key
         for key, value in others.items()
-        if _APART.fullmatch(plain_key(key)) and value is not None and np.size(value)
+        if _APART.fullmatch(plain_key(key)) and value is not None and _count(value)
     ]
     if apart and not len(distortion):
         raise PrepareError(
@@ -74,11 +68,8 @@ def lens_of_values(where: str, values: Mapping[str, Any], *, name: str = "") -> 
             f"p2]), got {', '.join(map(str, apart))}. Write it so, with zeros for what is missing."
         )
     fisheye = _is_fisheye(where, values) or ("fisheye" in name.lower() and len(distortion) == 4)
-    size = _found(where, values, "size")
-    if not len(size):
-        blocks = [value for value in sizes_in(values).values() if isinstance(value, Mapping)]
-        sides = {key: value for block in [values, *blocks] for key, value in block.items()}
-        size = [_side(sides, names) for names in (_WIDTH, _HEIGHT)]
+    said = _found(where, values, "size")
+    size = said if len(said) else sides_in(values)
     camera = opencv_camera(
         where,
         name,
@@ -107,7 +98,7 @@ def _found(
             numbers = finite_numbers(value, _COUNTS[what])
             found[str(key)] = numbers
         except ValueError as error:
-            absent = value is None or np.size(value) == 0 or value == "null"
+            absent = value is None or _count(value) == 0 or (_is_text(value) and value == "null")
             complaint = complaint or ("" if absent else f"{where}: {key} {error}")
     if told and not found and complaint:
         raise PrepareError(f"{complaint}. Correct or remove it.")
@@ -121,16 +112,6 @@ def _found(
     return next(iter(found.values()), np.zeros(0))
 
 
-def _side(values: Mapping[str, Any], names: tuple[str, ...]) -> float:
-    """Columns or rows; 0 if the file does not say them."""
-    for value in (value for key, value in values.items() if plain_key(key) in names):
-        try:
-            return float(finite_numbers(value, (1,))[0])
-        except ValueError:
-            continue
-    return 0.0
-
-
 def _is_fisheye(where: str, values: Mapping[str, Any]) -> bool:
     models = {plain_key(key): plain_key(value) for key, value in values.items() if _is_text(value)}
     distortion, camera = models.get("distortionmodel", ""), models.get("cameramodel", "")
@@ -141,8 +122,16 @@ def _is_fisheye(where: str, values: Mapping[str, Any]) -> bool:
             f"{distortion or 'none'}. Calibrate it with one of these models."
         )
     says = (value for key, value in values.items() if plain_key(key) in _SAYS_FISHEYE)
-    said = any(np.size(value) == 1 and _is_true(value) for value in says)
+    said = any(_count(value) == 1 and _is_true(value) for value in says)
     return said or distortion in _FISHEYE or camera in _FISHEYE
+
+
+def _count(value: Any) -> int:
+    """How many numbers a value has; lists of unlike lengths count as several."""
+    try:
+        return int(np.size(value))
+    except ValueError:
+        return len(value)
 
 
 def _is_text(value: Any) -> bool:

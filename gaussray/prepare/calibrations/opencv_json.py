@@ -1,10 +1,10 @@
-"""JSON files of scripts around OpenCV: K, R and t of each camera, under their usual names."""
+"""The cameras of scripts around OpenCV: K, R and t of each under their usual names."""
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from gaussray.prepare.calibrations.known_camera import (
     Calibration,
@@ -13,40 +13,37 @@ from gaussray.prepare.calibrations.known_camera import (
     opencv_camera,
     refuse_distortion,
 )
+from gaussray.prepare.calibrations.opencv_pose import (
+    NO_POSE,
+    POSE_REMEDY,
+    found_pose,
+    numbers_under,
+    say_poses,
+    world_to_camera,
+)
+from gaussray.prepare.calibrations.picture_sizes import sides_in, sizes_in
+from gaussray.prepare.calibrations.value_names import VALUE_NAMES, plain_key
 from gaussray.prepare.errors import PrepareError
 
 
-# Names of a camera's values, in small letters, and how many numbers each may have.
-_MATRIX = ("k", "matrix", "camera_matrix", "intrinsics", "intrinsic", "mtx")
-_ROTATION = ("r", "rotation", "rotation_matrix", "rvec")
-_TRANSLATION = ("t", "translation", "tvec")
-_DISTORTION = (
-    *("d", "dist", "distortion", "distortions", "distortion_coefficients"),
-    *("dist_coef", "dist_coefs", "dist_coeffs", "distcoef", "distcoefs", "distcoeffs"),
-)
-_SIZE = ("size", "resolution")
-_SIDES = (("width", "w"), ("height", "h"))
-_NEEDED = {_MATRIX: (9,), _ROTATION: (3, 9), _TRANSLATION: (3,)}
 # Keys of a list's cameras that hold their names.
 CAMERA_NAME_KEYS = ("name", "camera", "cam", "id", "camera_id", "serial")
-# What is said of a camera without a pose, after its name.
-_NO_POSE = "has no R (3 or 9 numbers) and t (3 numbers)"
-_POSE_REMEDY = "Both take world to camera; R is a matrix or a rotation vector."
+
+# Keys that beside cameras may be of a chessboard.
+_ANY_SIZE = ("size", "width", "height", "w", "h")
 
 
 def is_opencv_camera(content: Any) -> bool:
-    """Whether the content of a JSON file, or a part of it, has a camera's K, R and t."""
-    return isinstance(content, dict) and all(
-        _numbers(content, names, *counts) is not None for names, counts in _NEEDED.items()
-    )
+    """Whether the values of a file, or of a part of it, have a camera's K and pose."""
+    return _has_matrix(content) and found_pose(content) is not None
 
 
 def opencv_cameras(path: Path, content: Any) -> Calibration | None:
     """The cameras of a file, by the keys of an object or the names in a list; None if it has none.
 
-    Each has a 3 x 3 matrix K, a rotation R (a matrix or a Rodrigues vector) and a translation t,
-    which take world to camera (OpenCV), and may have distortion and size (columns and rows). One
-    with K alone is left out.
+    Each has a 3 x 3 matrix K and a pose, which is a rotation R (a matrix or a Rodrigues vector) and
+    a translation t, or a matrix of both (OpenCV, world to camera), and may have distortion and
+    size (columns and rows). One with K alone is left out.
 
     Args:
         path: the file, for messages.
@@ -57,24 +54,38 @@ def opencv_cameras(path: Path, content: Any) -> Calibration | None:
             list has none, or the file has one camera alone.
     """
     if is_opencv_camera(content):
-        raise PrepareError(
-            f"poses.calibration={path}: must hold all cameras, got one. If each has a file of its "
-            f"own, called as its video, give their folder: poses.calibration={path.parent}."
-        )
+        refuse_single_camera(path)
+    sizes = _common_sizes(content)
     if isinstance(content, dict) and isinstance(content.get("cameras"), dict | list):
         content = content["cameras"]
     if _has_matrix(content):
-        raise PrepareError(f"{path}: the camera {_NO_POSE}. {_POSE_REMEDY}")
-    listed = _listed(path, content)
+        raise PrepareError(f"{path}: the camera {NO_POSE}{_keys_of(content)}. {POSE_REMEDY}")
+    listed = _listed(path, content) or _by_camera(content)
+    listed = {key: one if sizes_in(one) else {**sizes, **one} for key, one in listed.items()}
     found = {name: one for name, one in listed.items() if is_opencv_camera(one)}
-    left_out = {name: _NO_POSE for name in listed if name not in found}
+    left_out = {name: NO_POSE for name in listed if name not in found}
     if left_out and not found:
+        name = next(iter(left_out))
         raise PrepareError(
-            f"{path}: must have a camera with a pose, got none: camera {next(iter(left_out))} "
-            f"{_NO_POSE}. {_POSE_REMEDY}"
+            f"{path}: must have a camera with a pose, got none: camera {name} {NO_POSE}"
+            f"{_keys_of(listed[name])}. {POSE_REMEDY}"
         )
     cameras = [read_opencv_camera(path, name, one) for name, one in found.items()]
+    say_poses(path, filter(None, map(found_pose, found.values())))
     return Calibration(cameras, left_out) if cameras else None
+
+
+def refuse_single_camera(path: Path) -> NoReturn:
+    """Refuse a file of one camera where one of all cameras is needed.
+
+    Raises:
+        PrepareError: Always, with the folder to give.
+    """
+    raise PrepareError(
+        f"poses.calibration={path}: must hold all cameras, got one. If each has a file of its own, "
+        f"called as its video, give their folder: poses.calibration={path.parent}. If each lies in "
+        "a folder that is called so, give the folder above."
+    )
 
 
 def _listed(path: Path, content: Any) -> dict[str, dict[str, Any]]:
@@ -99,7 +110,28 @@ def _listed(path: Path, content: Any) -> dict[str, dict[str, Any]]:
     return result
 
 
-def read_opencv_camera(path: Path, name: object, content: dict[str, Any]) -> KnownCamera:
+def _common_sizes(content: Any) -> dict[str, Any]:
+    """The size of all cameras' pictures, beside them in a file."""
+    sizes = sizes_in(content) if isinstance(content, dict) else {}
+    return {key: value for key, value in sizes.items() if plain_key(key) not in _ANY_SIZE}
+
+
+def _by_camera(content: Any) -> dict[str, dict[str, Any]]:
+    """The cameras of an object that has an object for each value, with the value of each camera by
+    the camera's name: `intrinsics: {a: K}, extrinsics: {a: RT}`."""
+    blocks = content if isinstance(content, dict) else {}
+    blocks = {key: block for key, block in blocks.items() if isinstance(block, dict)}
+    if not any(plain_key(key) in VALUE_NAMES["matrix"] for key in blocks):
+        return {}
+    result: dict[str, dict[str, Any]] = {}
+    for key, block in blocks.items():
+        for name, value in block.items():
+            values = value if isinstance(value, dict) else {key: value}
+            result.setdefault(str(name), {}).update(values)
+    return {name: one for name, one in result.items() if _has_matrix(one)}
+
+
+def read_opencv_camera(path: Path, name: object, content: Mapping[str, Any]) -> KnownCamera:
     """The camera of a part of a file.
 
     Args:
@@ -110,42 +142,46 @@ def read_opencv_camera(path: Path, name: object, content: dict[str, Any]) -> Kno
     Raises:
         PrepareError: The numbers make no camera.
     """
-    matrix, turn, translation = (
-        _numbers(content, names, *counts) for names, counts in _NEEDED.items()
-    )
-    assert matrix is not None and turn is not None and translation is not None
-    if len(turn) == 3:
-        turn = Rotation.from_rotvec(turn).as_matrix()
-    distortion = _numbers(content, _DISTORTION)
-    given = [key for key, value in content.items() if str(key).lower() in _DISTORTION and value]
-    if distortion is None and given:
-        raise PrepareError(
-            f"{path}: {given[0]} of camera {name} must be numbers (OpenCV's k1 k2 p1 p2 k3), got "
-            f"{str(content[given[0]])[:80]}."
-        )
-    unread = [key for key in content if str(key).lower() not in _DISTORTION]
+    matrix, pose = numbers_under(content, VALUE_NAMES["matrix"], (9,)), found_pose(content)
+    assert matrix is not None and pose is not None
+    unread = [key for key in content if plain_key(key) not in VALUE_NAMES["distortion"]]
     refuse_distortion(path, name, unread)
     return opencv_camera(
         path,
         check_name(path, name),
-        matrix.reshape(3, 3),
-        np.zeros(4) if distortion is None else distortion,
-        np.column_stack([turn.reshape(3, 3), translation]),
+        matrix[1].reshape(3, 3),
+        _distortion(path, name, content),
+        world_to_camera(path, name, pose),
         _size(path, name, content),
     )
 
 
-def _size(path: Path, name: object, content: dict[str, Any]) -> tuple[float, float]:
+def _distortion(path: Path, name: object, content: Mapping[str, Any]) -> np.ndarray:
+    """The coefficients of the first key of distortion that has any; zeros if none has."""
+    for key, value in content.items():
+        if plain_key(key) not in VALUE_NAMES["distortion"]:
+            continue
+        empty = value is None or (isinstance(value, str | list) and not value)
+        try:
+            numbers = np.array([] if empty else value, np.float64).ravel()
+        except (ValueError, TypeError, OverflowError):
+            numbers = np.array([np.nan])
+        if not np.isfinite(numbers).all():
+            raise PrepareError(
+                f"{path}: {key} of camera {name} must be numbers (OpenCV's k1 k2 p1 p2 k3), got "
+                f"{str(value)[:80]}. Correct or remove it."
+            )
+        if numbers.size:
+            return numbers
+    return np.zeros(4)
+
+
+def _size(path: Path, name: object, content: Mapping[str, Any]) -> tuple[float, float]:
     """Columns and rows; 0 if the camera does not say them."""
-    keys = (*_SIZE, *_SIDES[0], *_SIDES[1])
-    given = {key: content[key] for key in content if str(key).lower() in keys}
-    if all(value is None for value in given.values()):
-        return 0.0, 0.0
-    size = _numbers(content, _SIZE, 2)
-    if size is None:
-        sides = [_numbers(content, names, 1) for names in _SIDES]
-        size = [0.0 if side is None else float(side[0]) for side in sides]
-    if not any(size):
+    given = {key: value for key, value in sizes_in(content).items() if value is not None}
+    found = numbers_under(given, VALUE_NAMES["size"], (2,))
+    size = sides_in(content) if found is None else found[1]
+    if given and not any(size):
         raise PrepareError(
             f"{path}: the size of camera {name} must be two whole numbers (columns and rows), got "
             f"{str(given)[:80]}. Correct or remove it."
@@ -153,25 +189,18 @@ def _size(path: Path, name: object, content: dict[str, Any]) -> tuple[float, flo
     return float(size[0]), float(size[1])
 
 
-def _numbers(content: dict[str, Any], names: tuple[str, ...], *counts: int) -> np.ndarray | None:
-    """The finite numbers under the first of some keys, whatever their case, that has so many;
-    None if none does."""
-    values = [value for key, value in content.items() if str(key).lower() in names]
-    for value in values:
-        try:
-            numbers = np.array(value, np.float64).ravel()
-        except (ValueError, TypeError, OverflowError):
-            continue
-        if np.isfinite(numbers).all() and (not counts or len(numbers) in counts):
-            return numbers
-    return None
-
-
 def _has_matrix(content: Any) -> bool:
-    return isinstance(content, dict) and _numbers(content, _MATRIX, 9) is not None
+    return (
+        isinstance(content, Mapping)
+        and numbers_under(content, VALUE_NAMES["matrix"], (9,)) is not None
+    )
 
 
-def said_name(camera: dict[str, Any]) -> str | None:
+def _keys_of(camera: Mapping[str, Any]) -> str:
+    return f", got {', '.join(map(str, camera))[:200]}"
+
+
+def said_name(camera: Mapping[str, Any]) -> str | None:
     """The name of a camera of a list; None if it has none. A truth value is none."""
     found = (camera[key] for key in CAMERA_NAME_KEYS if type(camera.get(key)) in (str, int))
     return next(map(str, found), None)

@@ -11,11 +11,8 @@ from typing import Any
 import numpy as np
 
 from gaussray.io.safe.files import opened, parse_xml, read_text
-from gaussray.prepare.calibrations.known_camera import (
-    CALIBRATION_KINDS,
-    TOML_RECIPE,
-    Calibration,
-)
+from gaussray.prepare.calibrations.known_camera import ALL_KINDS, Calibration
+from gaussray.prepare.calibrations.opencv_json import is_opencv_camera, refuse_single_camera
 from gaussray.prepare.calibrations.opencv_yaml import read_opencv_yaml
 from gaussray.prepare.calibrations.stereo_pair import (
     has_stereo_lenses,
@@ -32,8 +29,9 @@ _MARKS = (b"<opencv_storage", b"!!opencv-matrix", b"!!opencv-nd-matrix", b"%YAML
 # A file of a folder that is larger is no calibration (pictures, points).
 _LARGEST = 1_000_000
 _REMEDY = (
-    f"OpenCV's stereo calibrations have M1, D1, M2, D2, R and T. {TOML_RECIPE}, or as EasyMocap's "
-    "pair intri.yml and extri.yml."
+    "Write a file for each camera with CameraMatrix, DistortionCoeffs, RotationValues and "
+    "TranslationValues (world to camera), or M1, D1, M2, D2, R and T of a stereo calibration. "
+    f"{ALL_KINDS}"
 )
 
 
@@ -44,6 +42,13 @@ def is_storage(path: Path) -> bool:
     with opened(path) as file:
         head = file.read(_HEAD)
     return any(mark in head for mark in _MARKS)
+
+
+def is_small_storage(path: Path) -> bool:
+    """Whether a file was written by cv::FileStorage and is not too large for a calibration."""
+    if path.suffix.lower() not in _SUFFIXES or not path.is_file():
+        return False
+    return path.stat().st_size <= _LARGEST and is_storage(path)
 
 
 def is_stereo_storage(*paths: Path) -> bool:
@@ -60,8 +65,7 @@ def is_stereo_storage(*paths: Path) -> bool:
 def stereo_storages(folder: Path) -> list[Path]:
     """One file of each stereo calibration in a folder: it holds all values, or those of the lenses
     with the poses in the file beside it (`read_stereo_storage`)."""
-    files = [path for path in sorted(folder.iterdir()) if path.is_file()]
-    small = [path for path in files if path.stat().st_size <= _LARGEST and is_storage(path)]
+    small = [path for path in sorted(folder.iterdir()) if is_small_storage(path)]
     whole = [path for path in small if is_stereo_storage(path)]
     pairs = [(path, _counterpart(path)) for path in small if path not in whole]
     return whole + [
@@ -77,15 +81,18 @@ def read_stereo_storage(path: Path) -> Calibration:
     the reverse, if the file alone has lenses or poses only.
 
     Raises:
-        PrepareError: The file is malformed, has keys of other meaning, or a value is missing.
+        PrepareError: The file is malformed, is of one camera, has keys of other meaning, or a value
+            is missing.
     """
     values, where = storage_values(path), str(path)
     lenses, poses = has_stereo_lenses(values), has_stereo_pose(values)
+    if not lenses and is_opencv_camera(values):
+        refuse_single_camera(path)
     if not lenses and not poses:
-        found = ", ".join(values)[:200] or "no keys"
+        found = ", ".join(map(str, values))[:200] or "no keys"
         raise PrepareError(
-            f"{path}: must not be a file of OpenCV's FileStorage with keys of its own, got "
-            f"{found}. {_REMEDY} Or give {CALIBRATION_KINDS}."
+            f"{path}: must be a file of OpenCV's FileStorage with the keys of a calibration, got "
+            f"{found}. {_REMEDY}"
         )
     beside = _other_name(path.name)
     if not (lenses and poses) and beside is not None:

@@ -20,12 +20,13 @@ _KINDS = ("vga", "hd", "kinect")
 
 
 def is_panoptic(content: Any) -> bool:
-    """Whether the content of a JSON file is a list of cameras, one of which has a matrix K and
+    """Whether the content of a JSON file is a list of cameras, one of which has K, R and
     `distCoef`, or `resolution` and no distortion of another name."""
     cameras = content.get("cameras") if isinstance(content, dict) else None
     return isinstance(cameras, list) and any(
         isinstance(camera, dict)
         and "K" in camera
+        and "R" in camera
         and ("distCoef" in camera or ("resolution" in camera and not _has_distortion(camera)))
         for camera in cameras
     )

@@ -5,22 +5,25 @@ from collections.abc import Callable
 from pathlib import Path
 
 from gaussray.capture.formats.metashape import is_metashape
-from gaussray.capture.formats.transforms import json_content, json_if_readable
+from gaussray.capture.formats.transforms import json_content
 from gaussray.prepare.calibrations.camera_dat import camera_dats, read_camera_dats
+from gaussray.prepare.calibrations.camera_files import (
+    files_by_stem,
+    files_of_subfolders,
+    is_camera_file,
+    read_camera_files,
+)
 from gaussray.prepare.calibrations.kalibr import read_kalibr
 from gaussray.prepare.calibrations.known_camera import (
-    CALIBRATION_KINDS,
+    ALL_KINDS,
+    JSON_RECIPE,
     TOML_RECIPE,
     Calibration,
     KnownCamera,
 )
 from gaussray.prepare.calibrations.matlab import refuse_matlab
 from gaussray.prepare.calibrations.nerfstudio import read_metashape_cameras, read_nerfstudio
-from gaussray.prepare.calibrations.opencv_json import (
-    is_opencv_camera,
-    opencv_cameras,
-    read_opencv_camera,
-)
+from gaussray.prepare.calibrations.opencv_json import opencv_cameras
 from gaussray.prepare.calibrations.opencv_storage import (
     is_stereo_storage,
     is_storage,
@@ -31,7 +34,7 @@ from gaussray.prepare.calibrations.opencv_yaml import easymocap_pair, read_easym
 from gaussray.prepare.calibrations.panoptic import is_panoptic, panoptic_cameras
 from gaussray.prepare.calibrations.pose2sim import read_toml
 from gaussray.prepare.calibrations.qualisys import read_qualisys
-from gaussray.prepare.calibrations.stereo_npz import is_stereo_npz, read_stereo_npz
+from gaussray.prepare.calibrations.stereo_npz import is_stereo_npz, read_calibration_npz
 from gaussray.prepare.errors import PrepareError
 from gaussray.runtime.progress import say
 
@@ -63,7 +66,10 @@ def read_calibration(path: Path | str) -> Calibration:
         return Calibration(read_easymocap(*pair))
     reader = _reader(path)
     if reader is None:
-        raise PrepareError(f"poses.calibration={path}: must be {CALIBRATION_KINDS}. {TOML_RECIPE}.")
+        raise PrepareError(
+            f"poses.calibration={path}: must be a calibration of a kind that is read, got "
+            f"{path.suffix or path.name}. {TOML_RECIPE}. {ALL_KINDS}"
+        )
     cameras = reader(path)
     return cameras if isinstance(cameras, Calibration) else Calibration(cameras)
 
@@ -77,11 +83,14 @@ def _of_folder(folder: Path) -> Calibration:
     if pair is not None and not any(p.suffix.lower() == ".toml" for p in files):
         return Calibration(read_easymocap(*pair))
     inside = [p for p in files if p.suffix.lower() not in _NAMED_ALONE and _reader(p) is not None]
-    if single := [p for p in inside if _is_one_camera(p)]:
-        return _of_single_cameras(folder, single, [p for p in inside if p not in single])
+    if single := [p for p in inside if is_camera_file(p)]:
+        others = [p for p in inside if p not in single]
+        return _of_single_cameras(folder, files_by_stem(single), others)
     # Caliscope keeps other files beside its own, and OpenCV's samples their chessboard.
     own = [p for p in inside if not is_storage(p)] + [p for p in files if is_stereo_npz(p)]
     found = sorted([*own, *stereo, *camera_dats(folder), *(pair or ())])
+    if not found and (single := files_of_subfolders(folder)):
+        return _of_single_cameras(folder, single, [])
     # Of files that are refused the message of a single one tells most.
     found = found or _likely(folder, inside, files)
     likely = [p for p in found if p.name == "camera_array.toml"] or found
@@ -89,7 +98,7 @@ def _of_folder(folder: Path) -> Calibration:
         names = ", ".join(p.name for p in likely[:9]) or "none"
         raise PrepareError(
             f"poses.calibration={folder}: the folder must hold one calibration, got {names}. "
-            f"Name the file: {CALIBRATION_KINDS}. {TOML_RECIPE}."
+            f"{'Name the file' if likely else TOML_RECIPE}. {ALL_KINDS}"
         )
     return read_calibration(likely[0])
 
@@ -108,32 +117,32 @@ def _likely(folder: Path, inside: list[Path], files: list[Path]) -> list[Path]:
     return yaml or _likely_storage(folder) or others
 
 
-def _of_single_cameras(folder: Path, files: list[Path], others: list[Path]) -> Calibration:
+def _of_single_cameras(folder: Path, files: dict[str, Path], others: list[Path]) -> Calibration:
     """The cameras of a folder with files of one camera each. One file of all cameras beside them
     is read instead.
 
     Args:
         folder: the folder, for messages.
-        files: the files of one camera each.
+        files: the file of each camera by the camera's name.
         others: files beside them that may hold all cameras, or something else.
     """
     found = {p.name: one for p in others if (one := _calibration_if_readable(p)) is not None}
     where = f"poses.calibration={folder}"
     if len(found) > 1 or (len(files) == 1 and not found):
         rule = "one calibration of all cameras, or a file for each camera, called as its video"
-        names = ", ".join([*found, *(p.name for p in files)][:9])
+        names = ", ".join([*found, *(str(p.relative_to(folder)) for p in files.values())][:9])
         raise PrepareError(f"{where}: the folder must hold {rule}, got {names}. Name the file.")
     unread = ", ".join(p.name for p in others[:9])
     if found:
         ((name, calibration),) = found.items()
         say(f"{where}: {name} is read, and not the files of single cameras beside it.")
         return calibration
-    names = ", ".join(p.stem for p in files)
+    names = ", ".join(files)
     say(
         f"{where}: the cameras {names} are each read from their own file"
         + (f", and {unread} {'is' if len(others) == 1 else 'are'} not." if unread else ".")
     )
-    return Calibration([read_opencv_camera(p, p.stem, json_content(p)) for p in files])
+    return read_camera_files(where, files)
 
 
 def _calibration_if_readable(path: Path) -> Calibration | None:
@@ -156,16 +165,19 @@ def _read_json(path: Path) -> list[KnownCamera] | Calibration:
     cameras = opencv_cameras(path, content)
     if cameras is None:
         raise PrepareError(
-            f"poses.calibration={path}: lists neither frames (nerfstudio) nor cameras (Panoptic), "
-            f"so it must be of another kind: {CALIBRATION_KINDS}. {TOML_RECIPE}."
+            f"poses.calibration={path}: must list frames (nerfstudio) or cameras, got "
+            f"{_outline(content)}. {JSON_RECIPE}. {ALL_KINDS}"
         )
-    say(f"{path}: K, R and t are taken as OpenCV's, from world to camera.")
     return cameras
 
 
-def _is_one_camera(path: Path) -> bool:
-    """Whether a JSON file holds one camera, and nothing of others."""
-    return path.suffix.lower() == ".json" and is_opencv_camera(json_if_readable(path))
+def _outline(content: object) -> str:
+    """The keys of what a JSON file holds, and those of the first part of it that has keys."""
+    if not isinstance(content, dict | list):
+        return str(content)[:80]
+    parts = [content, *(content.values() if isinstance(content, dict) else content)]
+    keys = [", ".join(one)[:120] for one in parts if isinstance(one, dict) and one]
+    return " with ".join(keys[:2]) or "nothing"
 
 
 def _likely_storage(folder: Path) -> list[Path]:
@@ -192,6 +204,6 @@ def _reader(path: Path) -> Callable[[Path], list[KnownCamera] | Calibration] | N
     if name.endswith((".qca.txt", ".xml", ".qca")):
         return read_qualisys
     suffixes = {".toml": read_toml, ".yaml": read_kalibr, ".yml": read_kalibr}
-    suffixes |= {".json": _read_json, ".npz": read_stereo_npz, ".dat": read_camera_dats}
+    suffixes |= {".json": _read_json, ".npz": read_calibration_npz, ".dat": read_camera_dats}
     suffixes[".mat"] = refuse_matlab
     return suffixes.get(path.suffix.lower())

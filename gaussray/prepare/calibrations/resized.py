@@ -12,6 +12,11 @@ from gaussray.prepare.lens_models import LensKeyValues
 _MARGIN = 16
 # Quotients of width and height may differ by this share.
 _SHAPE = 5e-3
+# Principal points of lenses of unknown size are told of if twice their column is outside these
+# shares of the pictures' width.
+_MIDDLE = (0.7, 1.4)
+# Fewer columns or rows have no pictures of calibrations.
+_SMALLEST = 64
 _CROPPED = (
     "Check that the pictures show all that those of the calibration showed, not a part of it."
 )
@@ -23,7 +28,8 @@ def resized_lens(
     """A lens for pictures of a size, and a warning if it is of another one.
 
     It is used as it is if the sizes differ by at most 16 rows and columns, and scaled if the
-    pictures have the same shape.
+    pictures have the same shape. One of unknown size is used as it is, with a warning if its
+    principal point is far from the middle.
 
     Args:
         lens: the calibrated lens; `w` and `h` are 0 if its pictures are of unknown size.
@@ -34,6 +40,8 @@ def resized_lens(
     Raises:
         PrepareError: The pictures have another shape.
     """
+    if not (lens["w"] or lens["h"]):
+        return lens | {"w": size[0], "h": size[1]}, _off_middle(lens, camera, size, key)
     width, height = lens["w"] or size[0], lens["h"] or size[1]
     resized = lens | {"w": size[0], "h": size[1]}
     if (width, height) == size:
@@ -57,3 +65,21 @@ def resized_lens(
     for name, factor in zip(("fl_x", "fl_y", "cx", "cy"), (*scale, *scale), strict=True):
         resized[name] *= float(factor)
     return resized, Finding("warn", "lens", f"{text}; it is scaled", _CROPPED)
+
+
+def _off_middle(
+    lens: LensKeyValues, camera: str, size: tuple[int, int], key: str
+) -> Finding | None:
+    """A warning if a lens of unknown size may be of another one."""
+    shares = 2 * lens["cx"] / size[0], 2 * lens["cy"] / size[1]
+    if _MIDDLE[0] <= shares[0] <= _MIDDLE[1]:
+        return None
+    text = (
+        f"{camera}: the calibration ({key}) says no size of its pictures, and its principal point "
+        f"is at {lens['cx']:.0f} of {size[0]} columns"
+    )
+    sides = [round(round(share, 2) * side) for share, side in zip(shares, size, strict=True)]
+    remedy = "Are all numbers in pixels? Give the size of the pictures of the calibration."
+    if min(sides) >= _SMALLEST:
+        remedy = f"Was it calibrated at {sides[0]} x {sides[1]}? Give the size."
+    return Finding("warn", "lens", text, remedy)

@@ -1,10 +1,11 @@
-"""NumPy's .npz files with the results of cv2.stereoCalibrate."""
+"""NumPy's .npz files with the results of cv2.stereoCalibrate, or of several cameras by name."""
 
 import zipfile
 from pathlib import Path
 
 from gaussray.io.safe.arrays import Damaged, read_npz
-from gaussray.prepare.calibrations.known_camera import Calibration
+from gaussray.prepare.calibrations.known_camera import ALL_KINDS, Calibration
+from gaussray.prepare.calibrations.stacked_npz import camera_stack, stacked_cameras
 from gaussray.prepare.calibrations.stereo_pair import (
     has_stereo_lenses,
     has_stereo_pose,
@@ -31,9 +32,10 @@ def is_stereo_npz(path: Path) -> bool:
     return has_stereo_lenses(keys) and has_stereo_pose(keys)
 
 
-def read_stereo_npz(path: Path) -> Calibration:
-    """The two cameras of a file; those of a file with `fisheye` in its name and four distortion
-    coefficients are fisheyes.
+def read_calibration_npz(path: Path) -> Calibration:
+    """The cameras of a file: those that it has arrays of (`stacked_cameras`), else the two of a
+    stereo calibration, which are fisheyes if the file has `fisheye` in its name and four distortion
+    coefficients.
 
     Raises:
         PrepareError: The file is damaged or holds Python objects, or is no stereo calibration.
@@ -44,4 +46,11 @@ def read_stereo_npz(path: Path) -> Calibration:
         raise PrepareError(
             f"{error}. It must be an .npz file of plain numbers (no Python objects). {_REMEDY}"
         ) from None
+    if camera_stack(values) and not has_stereo_lenses(values):
+        return stacked_cameras(path, values)
+    if not has_stereo_lenses(values) and not has_stereo_pose(values):
+        raise PrepareError(
+            f"{path}: must hold K1, D1, K2, D2, R and T of two cameras, or K, R, T, dist and names "
+            f"of several, got {', '.join(values)[:200] or 'nothing'}. {_REMEDY} {ALL_KINDS}"
+        )
     return stereo_cameras(path, values, name=path.name)

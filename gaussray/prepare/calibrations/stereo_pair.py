@@ -5,7 +5,6 @@ the world's.
 """
 
 import itertools
-import re
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
@@ -18,6 +17,8 @@ from gaussray.prepare.calibrations.opencv_numbers import (
     checked_rotation,
     finite_numbers,
 )
+from gaussray.prepare.calibrations.picture_sizes import sides_in
+from gaussray.prepare.calibrations.value_names import VALUE_NAMES, plain_key
 from gaussray.prepare.errors import PrepareError
 from gaussray.runtime.progress import say
 
@@ -26,23 +27,6 @@ from gaussray.runtime.progress import say
 PAIR_NAMES = ("left", "right")
 # Names of both cameras in keys, before or behind the name of a value: mtxL, left_K, dist_1.
 _SIDES = (PAIR_NAMES, ("l", "r"), ("1", "2"), ("0", "1"))
-# Names of each value in the keys of public files, in small letters and digits alone.
-VALUE_NAMES = {
-    "matrix": (
-        *("m", "k", "mtx", "mat", "cm", "cameramatrix", "cammtx", "cammatrix", "cameramtx"),
-        *("intrinsic", "intrinsics", "intrinsicmatrix", "intrinsicmtx", "matrix"),
-    ),
-    "distortion": (
-        *("d", "dist", "dst", "distcoef", "distcoefs", "distcoeff", "distcoeffs"),
-        *("distortion", "distortions", "distortioncoefficients", "distortioncoeffs"),
-    ),
-    "rotation": ("r", "rot", "rotation", "rotationmatrix", "rmat", "rotmat", "stereor", "rstereo"),
-    "translation": (
-        *("t", "trans", "translation", "translationvector", "tvec", "transvec"),
-        *("stereot", "tstereo"),
-    ),
-    "size": ("imagesize", "imgsize", "framesize", "size", "resolution"),
-}
 # How many numbers each value may have: a rotation may be OpenCV's rotation vector.
 _COUNTS = {"matrix": (9,), "distortion": DISTORTION_COUNTS, "rotation": (9, 3), "translation": (3,)}
 # Keys of the two cameras that messages name.
@@ -136,15 +120,6 @@ def stereo_cameras(where: object, values: Mapping[str, Any], *, name: str = "") 
     return Calibration(cameras, is_pair=True)
 
 
-def plain_key(key: object) -> str:
-    """A key in small letters and digits alone, as `VALUE_NAMES` has them.
-
-    Args:
-        key: the key as the file has it.
-    """
-    return re.sub("[^a-z0-9]", "", str(key).lower())
-
-
 def _of_side(what: str, side: str) -> set[str]:
     """The plain keys of a value of one camera."""
     names = VALUE_NAMES[what]
@@ -213,11 +188,11 @@ def _listed(values: Mapping[str, Any]) -> str:
 
 
 def _size(values: Mapping[str, Any]) -> tuple[float, float]:
-    """Columns and rows of the calibrated pictures; 0 if the file does not say both."""
+    """Columns and rows of the calibrated pictures; 0 if the file does not say them."""
     for key in _keys(values, set(VALUE_NAMES["size"])):
         try:
             columns, rows = finite_numbers(values[key], (2,))
         except ValueError:
             continue
         return float(columns), float(rows)
-    return 0.0, 0.0
+    return sides_in(values)

@@ -2,9 +2,8 @@
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from gaussray.prepare.findings.finding import Finding
+from gaussray.prepare.findings.numbered_frames import numbered_frames_findings
 from gaussray.prepare.options import SyncOptions
 from gaussray.prepare.sources import Source
 from gaussray.prepare.sync import Sync
@@ -65,19 +64,4 @@ def sync_findings(
                 "Record all cameras at one rate to use all their frames.",
             )
         )
-    folders = [source for source in sources if not source.is_video]
-    left = {s.name: s.count - len(np.unique(timeline.frames[s.name])) for s in folders}
-    # Otherwise it is the user's own choice of times.
-    if any(left.values()) and len({source.count for source in folders}) > 1:
-        unused = ", ".join(f"{count} of {name}" for name, count in left.items() if count)
-        findings.append(
-            Finding(
-                "warn",
-                "sync",
-                f"pictures that are not used: {unused}; folders of pictures are cameras that take "
-                f"pictures at the same times, and all of them have {len(timeline.times)}",
-                "Give each folder as many. Photographs of a still scene belong in one folder, "
-                "whatever their sizes.",
-            )
-        )
-    return findings
+    return findings + numbered_frames_findings(sources, sync, timeline)

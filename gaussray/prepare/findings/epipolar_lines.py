@@ -1,11 +1,15 @@
 """Whether matches lie on their epipolar lines: the test of a known calibration."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from gaussray.capture.odd_cameras import JudgedPair, odd_cameras
 from gaussray.prepare.epipolar import EpipolarPair
+from gaussray.prepare.findings.calibration_readings import better_reading
 from gaussray.prepare.findings.finding import Finding
+from gaussray.prepare.findings.pair_distances import PairDistance, pair_distances, telling_pairs
+from gaussray.prepare.placed_cameras import picture_name
 from gaussray.prepare.poses import Placement
 
 
@@ -14,32 +18,96 @@ from gaussray.prepare.poses import Placement
 DOUBTFUL_LINES, WRONG_LINES = 3.0, 25.0
 # Matches of a pair that prove something: wide baselines give some twenty that are all wrong.
 EVIDENCE = 40
+# A pair contradicts others if it is so many times as far off as these, and so many pixels.
+_FARTHER, _LEAST = 3.0, 1.0
+# Pairs of a camera that are listed, at most.
+_LISTED = 4
+_MOVED = (
+    "Such a camera was moved or turned since the calibration, or its lens, zoom or picture size "
+    "is another one: calibrate it again, or take its video away; fit.refine=[pose,lens] mends "
+    "small errors."
+)
+_CORRECT = "Correct the calibration, or check the order of the cameras and their names."
 
 
 def epipolar_findings(placement: Placement, pairs: Sequence[EpipolarPair]) -> list[Finding]:
     """Distances of matches from the epipolar lines; the test of a known calibration.
 
+    Of known cameras, all pairs tell whether single ones contradict the others.
+
     Args:
-        placement: lenses, and whether they come from a calibration.
+        placement: poses and lenses, whether they come from a calibration, and matches.
         pairs: pairs of pictures; those with fewer than `EVIDENCE` matches do not count.
     """
     scale = max((lens["w"] for lens in placement.model.lenses), default=1000) / 1000
-    known = [pair for pair in pairs if np.isfinite(pair.median) and pair.count >= EVIDENCE]
-    if not known:
+    tested = [pair for pair in pairs if np.isfinite(pair.median) and pair.count >= EVIDENCE]
+    if not tested:
         text = "no two pictures share enough matches to test the poses"
         remedy = "Check by eye that the drawn lines pass through the same things, if there are any."
         return [Finding("warn", "epipolar lines", text, remedy)]
-    typical = float(np.median([pair.median for pair in known]))
+    typical = float(np.median([pair.median for pair in tested]))
     text = f"matches are {typical:.2f} pixels from their epipolar lines (median of the pairs)"
+    doubtful = typical > DOUBTFUL_LINES * scale
+    if placement.known and (
+        cause := _cause(placement, max(DOUBTFUL_LINES * scale, _LEAST), doubtful)
+    ):
+        level = "refuse" if typical > WRONG_LINES * scale else "warn"
+        found, remedy = cause
+        return [Finding(level, "epipolar lines", f"{text}; {found}", remedy)]
     if typical > WRONG_LINES * scale and placement.known:
         remedy = (
             "The calibration is not of these pictures: check the order of the cameras, their "
             "names, zoom, and that no camera was moved since."
         )
         return [Finding("refuse", "epipolar lines", text, remedy)]
-    if typical > DOUBTFUL_LINES * scale:
+    if doubtful:
         if placement.known:
             text += "; compare the result without poses.calibration"
         remedy = "fit.refine=[pose,lens] may repair it; a new calibration is better."
         return [Finding("warn", "epipolar lines", text, remedy)]
     return [Finding("good", "epipolar lines", text)]
+
+
+def _cause(placement: Placement, limit: float, doubtful: bool) -> tuple[str, str] | None:
+    """What explains matches that are off, and a remedy; None if nothing does, or none are.
+
+    Args:
+        placement: known poses and lenses, and matches.
+        limit: largest distance in pixels that fits.
+        doubtful: whether most pairs are off.
+    """
+    files, told = placement.model.pictures, telling_pairs(placement)
+    distances = pair_distances(placement, told)
+    odd, words = _contradicting(placement, distances, limit)
+    if odd:
+        own = [pair for pair in told if set(pair) & set(odd)]
+        other = better_reading(placement, own, odd, limit)
+        names = " and ".join(picture_name(placement.pictures[file], placement) for file in odd)
+        return (f"{words}; those of {names} {other}", _CORRECT) if other else (words, _MOVED)
+    if told and doubtful and (other := better_reading(placement, told, files, limit)):
+        return f"they {other}", _CORRECT
+    return None
+
+
+def _contradicting(
+    placement: Placement, distances: Mapping[tuple[str, str], PairDistance], limit: float
+) -> tuple[list[str], str]:
+    """Pictures whose matches are far off while those of all other pairs fit, and the distances."""
+    fitting = [pair.median for pair in distances.values() if pair.median <= limit]
+    limit = max(limit, _FARTHER * float(np.median(fitting or [0.0])))
+    judged = {
+        files: JudgedPair(pair.matches, pair.median <= limit) for files, pair in distances.items()
+    }
+    odd = sorted(odd_cameras(judged), key=placement.model.pictures.index)
+    texts = []
+    for file in odd:
+        off = {b if a == file else a: distances[a, b].median
+               for (a, b), pair in judged.items() if file in (a, b) and not pair.fits}  # fmt: skip
+        farthest = sorted(off, key=lambda other: -off[other])[:_LISTED]
+        name, *names = (picture_name(placement.pictures[x], placement) for x in (file, *farthest))
+        listed = [f"{off[x]:.1f} with {other}" for x, other in zip(farthest, names, strict=True)]
+        texts.append(f"{name}: {', '.join(listed).replace(' with', ' pixels with', 1)}")
+    if not odd:
+        return [], ""
+    rest = max(pair.median for files, pair in distances.items() if not set(odd) & set(files))
+    return odd, f"{'; '.join(texts)}; those of all other pairs are at most {rest:.2g} pixels off"

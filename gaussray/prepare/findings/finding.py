@@ -1,6 +1,11 @@
 """One result of a check of the input."""
 
+from collections.abc import Iterable
 from typing import NamedTuple
+
+
+# Names of cameras that share a finding which are listed, at most.
+_LISTED = 8
 
 
 class Finding(NamedTuple):
@@ -17,3 +22,25 @@ class Finding(NamedTuple):
     subject: str
     text: str
     remedy: str = ""
+
+
+def merged_findings(findings: Iterable[Finding]) -> list[Finding]:
+    """The findings, one for all cameras of which several say the same after "NAME: "."""
+    names: dict[Finding, list[str]] = {}
+    for finding in findings:
+        name, colon, same = finding.text.partition(": ")
+        names.setdefault(finding._replace(text=colon + same or name), []).append(name)
+    merged = []
+    for finding, own in names.items():
+        if finding.text.startswith(": "):
+            listed = ", ".join(own[:_LISTED]) + ("..." if len(own) > _LISTED else "")
+            finding = finding._replace(text=listed + finding.text)
+        merged.append(finding)
+    return merged
+
+
+def doubts_text(findings: Iterable[Finding]) -> str:
+    """What is doubtful and what to do about it, a line for each; empty if nothing is."""
+    doubtful = [finding for finding in merged_findings(findings) if finding.level != "good"]
+    lines = [f"- {x.subject}: {x.text}. {x.remedy}".rstrip() for x in doubtful]
+    return "\n".join([f"{len(doubtful)} doubtful:", *lines]) if doubtful else ""

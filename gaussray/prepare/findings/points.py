@@ -10,8 +10,11 @@ from gaussray.prepare.sparse_model import observations_by_picture
 
 # Pixels, for each 1000 pixels of width, above which reprojection errors are doubtful.
 DOUBTFUL_ERROR = 1.5
-# Fewest observations of a picture.
+# Fewest observations of a picture that has a pose by them.
 OBSERVATIONS = 100
+# Fewest that test a known pose, which is less than `OBSERVATIONS` in proportion to the width where
+# pictures are less than 1000 pixels wide.
+_TESTING = 15
 
 
 def point_findings(placement: Placement) -> list[Finding]:
@@ -26,8 +29,11 @@ def point_findings(placement: Placement) -> list[Finding]:
         return [Finding("warn", "points", text, remedy)]
     shown = [placement.pictures[file] for file in model.pictures]
     counts = zip(shown, observations_by_picture(model), strict=True)
-    few = [picture_name(p, placement) for p, count in counts if count < OBSERVATIONS]
     scale = max(lens["w"] for lens in model.lenses) / 1000
+    fewest = OBSERVATIONS
+    if placement.known:
+        fewest = round(max(OBSERVATIONS * min(1, scale), _TESTING))
+    few = [picture_name(p, placement) for p, count in counts if count < fewest]
     median = float(np.median(model.observations.error))
     findings = []
     if median > DOUBTFUL_ERROR * scale:
@@ -36,14 +42,14 @@ def point_findings(placement: Placement) -> list[Finding]:
         findings.append(Finding("warn", "points", text, remedy))
     if few:
         names = ", ".join(few[:8]) + ("..." if len(few) > 8 else "")
-        findings.append(
-            Finding(
-                "warn",
-                "points",
-                f"{names}: fewer than {OBSERVATIONS} observations; the pose is weak",
-                "Cameras closer to each other, larger pictures, more texture; frames.instants=10.",
-            )
-        )
+        text = f"{names}: fewer than {fewest} observations"
+        remedy = "Cameras closer to each other, larger pictures, more texture; frames.instants=10."
+        if placement.known:
+            text += "; few points to check the pose with"
+            remedy = f"Look at the epipolar lines. More points: {remedy[0].lower()}{remedy[1:]}"
+        else:
+            text += "; the pose is weak"
+        findings.append(Finding("warn", "points", text, remedy))
     if not findings:
         text = f"{len(model.points)} points, median reprojection error {median:.2f} pixels"
         findings.append(Finding("good", "points", text))

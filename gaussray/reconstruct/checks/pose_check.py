@@ -9,16 +9,12 @@ import warnings
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int, UInt8
-from skimage.feature import SIFT, match_descriptors
-from skimage.measure import block_reduce
+from jaxtyping import Float
 
-from gaussray.camera.lens import AbstractLens
 from gaussray.capture.errors import CaptureWarning
-from gaussray.capture.spread import evenly_spread, spread_indices
-from gaussray.geometry import BLENDER_AXES, epipolar_angle, rotation_matrix
+from gaussray.capture.spread import evenly_spread
+from gaussray.geometry import BLENDER_AXES
 from gaussray.reconstruct.checks.focal_check import (
     BETTER_FIT,
     FocalFit,
@@ -26,21 +22,21 @@ from gaussray.reconstruct.checks.focal_check import (
     explains,
     focal_fit,
 )
+from gaussray.reconstruct.checks.matched_details import (
+    DetailMatch,
+    PosedViews,
+    line_offsets,
+    nearest_pairs,
+)
+from gaussray.reconstruct.checks.odd_views import odd_views_sentence
 from gaussray.reconstruct.data.pictures import Footage
-from gaussray.reconstruct.initialize.stereo.matching import reduction
-from gaussray.runtime.stored_programs import kept_jit
 
 
-# Pictures among which neighbours are sought, and pairs of them that are compared.
-_VIEWS, _PAIRS = 24, 6
-# Pixels of a picture in which details are sought, at most, and details of one, the strongest.
-_PIXELS, _DETAILS = 70_000, 600
-# Least cosine between the directions in which neighbours look: else they share little. Below the
-# other one they look so differently that wrong axes show: these leave details of neighbours that
-# look the same way less than a pixel off.
-_ALIKE, TURNED_COSINE = 0.8, 0.97
-# A match is believed if the second best is this much worse (Lowe's ratio).
-_RATIO = 0.8
+# Pairs of neighbouring pictures that are compared.
+_PAIRS = 6
+# Pictures look so differently that wrong axes show if the cosine between their directions is less:
+# these leave details of neighbours that look the same way less than a pixel off.
+TURNED_COSINE = 0.97
 # Pixels of the reduced pictures off their lines, in the median, from which on poses are wrong, by
 # the least number of matches: few may be wrong themselves, many are not. Wrong matches, and lenses
 # that are a little off, cost less.
@@ -168,8 +164,12 @@ class PoseCheck(NamedTuple):
 
 
 def warn_of_wrong_poses(footage: Footage) -> None:
-    """Warn of poses that contradict the pictures (`pose_check`)."""
-    sentence = pose_check(footage).sentence
+    """Warn of poses that contradict the pictures (`pose_check`), all or those of single cameras."""
+    views = PosedViews(footage)
+    found = _checked(views)
+    sentence = found.sentence
+    if not (found.reading or found.near.focal):
+        sentence = odd_views_sentence(views) or sentence
     if sentence:
         warnings.warn(sentence, CaptureWarning, stacklevel=2)
 
@@ -180,40 +180,36 @@ def pose_check(footage: Footage) -> PoseCheck:
     Args:
         footage: the training pictures and their cameras. Of each viewpoint the first one counts.
     """
-    _, first = np.unique(footage.viewpoints, return_index=True)
-    first = np.sort(first)
-    chosen = first[spread_indices(len(first), _VIEWS)]
-    pose = jax.tree.map(lambda x: np.asarray(x)[chosen, 0], footage.camera.trajectory)
-    rotation = np.asarray(rotation_matrix(jnp.asarray(pose.quat)), np.float64)
-    eye = np.asarray(pose.translation, np.float64)
+    return _checked(PosedViews(footage))
+
+
+def _checked(views: PosedViews) -> PoseCheck:
+    """The result of `pose_check`."""
+    footage, rotation, eye = views.footage, views.rotation, views.eye
     readings = {
         "": (rotation, eye),
         "opencv": (rotation @ _FLIP, eye),
         "inverse": _inverse(rotation @ _FLIP, eye, _FLIP),
         "opencv_inverse": _inverse(rotation @ _FLIP, eye, np.eye(3)),
     }
-    seen: dict[int, _Details] = {}
 
-    def matches(most_alike: float) -> list[_Match]:
-        pairs = nearest_pairs(rotation, eye, most_alike)
-        for k in {view for pair in pairs for view in pair} - seen.keys():
-            seen[k] = _details(footage, int(chosen[k]))
-        return [_Match(i, k, *_matched(seen[i], seen[k])) for i, k in pairs]
-
-    def misfit(matched: list[_Match]) -> Misfit:
+    def misfit(matched: list[DetailMatch]) -> Misfit:
         errors = {
-            name: np.concatenate([_off_line(turn, place, x) for x in matched] or [np.zeros(0)])
-            for name, (turn, place) in readings.items()
+            name: np.concatenate([line_offsets(x, *poses) for x in matched] or [np.zeros(0)])
+            for name, poses in readings.items()
         }
         count = len(errors[""])
         medians = {name: float(np.median(x)) if count else 0.0 for name, x in errors.items()}
         return Misfit(count, medians.pop(""), medians)
 
-    matched = matches(1.0)
-    found = PoseCheck(misfit(matched), misfit(matches(TURNED_COSINE)))
+    def near(most_alike: float) -> list[DetailMatch]:
+        return views.matches(evenly_spread(nearest_pairs(rotation, eye, most_alike), _PAIRS))
+
+    matched = near(1.0)
+    found = PoseCheck(misfit(matched), misfit(near(TURNED_COSINE)))
     if found.near.matches < TELLING_MATCHES or not found.near.is_wrong(found.reading):
         return found
-    lens = jax.tree.map(lambda x: x[chosen], footage.camera.lens)
+    lens = jax.tree.map(lambda x: x[views.chosen], footage.camera.lens)
     pixels = [
         MatchedPixels(x.first, x.second, x.one.pixel, x.other.pixel, x.one.step) for x in matched
     ]
@@ -226,101 +222,6 @@ def pose_check(footage: Footage) -> PoseCheck:
     return found
 
 
-class _Details(NamedTuple):
-    """Details of a picture: where they are, their viewing directions, descriptors, the pixels of
-    the picture that are one of the reduced picture, and the angle of that."""
-
-    pixel: Float[np.ndarray, "details 2"]
-    ray: Float[np.ndarray, "details 3"]
-    descriptor: UInt8[np.ndarray, "details 128"]
-    step: int
-    angle: float
-
-    def part(self, index: Int[np.ndarray, " n"]) -> "_Details":
-        """Some of the details alone."""
-        return self._replace(
-            pixel=self.pixel[index], ray=self.ray[index], descriptor=self.descriptor[index]
-        )
-
-
-class _Match(NamedTuple):
-    """Which details of two views match."""
-
-    first: int
-    second: int
-    one: _Details
-    other: _Details
-
-
-def nearest_pairs(
-    rotation: Float[np.ndarray, "views 3 3"],
-    eye: Float[np.ndarray, "views 3"],
-    most_alike: float,
-) -> list[tuple[int, int]]:
-    """Pairs of views that look about the same way and stand close to each other, evenly spread.
-
-    Args:
-        rotation: world from camera of each view.
-        eye: position of each view in the world.
-        most_alike: greatest cosine between the directions in which the views of a pair look.
-    """
-    apart = np.linalg.norm(eye[:, None] - eye[None], axis=-1)
-    alike = rotation[:, :, 2] @ rotation[:, :, 2].T
-    apart[(alike < _ALIKE) | (alike > most_alike) | (apart == 0)] = np.inf
-    nearest = np.argmin(apart, axis=1)
-    found = {
-        (min(k, int(n)), max(k, int(n))) for k, n in enumerate(nearest) if np.isfinite(apart[k, n])
-    }
-    return evenly_spread(sorted(found), _PAIRS)
-
-
-def _details(footage: Footage, frame: int) -> _Details:
-    """The strongest details of a picture."""
-    picture, masks = footage.pictures(np.array([frame]))[0], footage.masks(np.array([frame]))
-    grey = np.asarray(picture, np.float64).mean(axis=-1) / footage.scale
-    factor = reduction(grey.shape, _PIXELS)
-    rows, columns = footage.film.height // factor, footage.film.width // factor
-    small = block_reduce(grey, factor, np.mean)[:rows, :columns]
-    sift = SIFT(upsampling=1)
-    try:
-        sift.detect_and_extract(small)
-    except RuntimeError:  # there is none
-        return _Details(np.zeros((0, 2)), np.zeros((0, 3)), np.zeros((0, 128), np.uint8), 1, 1.0)
-    position = np.asarray(sift.positions)
-    kept = np.ones(len(position), bool)
-    if masks is not None:
-        last = np.array(masks[0].shape) - 1
-        kept = masks[0][tuple(np.minimum((factor * (position + 0.5)).astype(int), last).T)]
-    strongest = np.flatnonzero(kept)[np.argsort(-np.asarray(sift.sigmas)[kept], kind="stable")]
-    strongest = strongest[:_DETAILS]
-    lens = jax.tree.map(lambda x: x[frame], footage.camera.lens)
-    # One size for all pictures: equal lenses share a program.
-    pixel = np.zeros((_DETAILS + 2, 2))
-    pixel[: len(strongest)] = factor * (position[strongest, ::-1] + 0.5)
-    pixel[-2:] = np.array([footage.film.width, footage.film.height]) / 2
-    pixel[-1, 0] += factor
-    ray = np.asarray(_rays(lens, jnp.asarray(pixel, jnp.float32)), np.float64)
-    angle = float(np.linalg.norm(ray[-1] - ray[-2])) or 1.0
-    lit = np.any(ray[: len(strongest)] != 0, axis=-1)
-    descriptor = np.asarray(sift.descriptors)[strongest]
-    return _Details(pixel[:-2], ray[:-2], descriptor, factor, angle).part(np.flatnonzero(lit))
-
-
-@kept_jit
-def _rays(lens: AbstractLens, pixel: Float[Array, "details 2"]) -> Float[Array, "details 3"]:
-    return jax.vmap(lens.direction)(pixel)
-
-
-def _matched(one: _Details, other: _Details) -> tuple[_Details, _Details]:
-    """The details of both that match, in the same order."""
-    pairs: Int[np.ndarray, "matches 2"] = np.zeros((0, 2), int)
-    if min(len(one.ray), len(other.ray)) > 1:
-        pairs = match_descriptors(
-            one.descriptor, other.descriptor, max_ratio=_RATIO, cross_check=True
-        )
-    return one.part(pairs[:, 0]), other.part(pairs[:, 1])
-
-
 def _inverse(
     rotation: Float[np.ndarray, "views 3 3"],
     eye: Float[np.ndarray, "views 3"],
@@ -329,15 +230,3 @@ def _inverse(
     """Rotations and places if matrices of these are world-to-camera ones, in cameras' own axes."""
     turned = np.swapaxes(rotation, 1, 2)
     return turned @ axes, -np.einsum("vij,vj->vi", turned, eye)
-
-
-def _off_line(
-    rotation: Float[np.ndarray, "views 3 3"],
-    eye: Float[np.ndarray, "views 3"],
-    match: _Match,
-) -> Float[np.ndarray, " matches"]:
-    """Pixels between each detail of the second view and the plane of both cameras and the ray of
-    the first."""
-    first, second, one, other = match
-    world = one.ray @ rotation[first].T, other.ray @ rotation[second].T
-    return epipolar_angle(*world, eye[second] - eye[first]) * 2 / (one.angle + other.angle)

@@ -190,6 +190,7 @@ def test_several_registered_pictures_of_one_place_are_one_camera(tmp_path):
     ]
 
 
+@pytest.mark.filterwarnings("ignore:.*at place 3 a has 3 and b 2")
 def test_a_camera_that_moves_shows_what_is_registered_at_its_place_in_the_folder(tmp_path):
     for camera in "ab":
         pictures(tmp_path / "images" / camera, *(f"{i}.png" for i in range(4)))

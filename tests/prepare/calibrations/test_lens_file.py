@@ -218,3 +218,16 @@ def test_why_a_calibration_is_not_read_is_told(tmp_path):
     path.write_text(json.dumps({"cam1": 3}))
     with pytest.raises(PrepareError, match="As a calibration it is not read either: "):
         read_lenses(path)
+
+
+@pytest.mark.parametrize("key", ["k1", "dist", "image_size", "fisheye"])
+def test_lists_of_unlike_lengths_are_no_traceback(tmp_path, key):
+    path = tmp_path / "a.json"
+    path.write_text(
+        json.dumps({"K": [[500, 0, 320], [0, 500, 240], [0, 0, 1]], key: [[1], [2, 3]]})
+    )
+    if key == "fisheye":
+        assert read_lenses(path)["a"]["camera_model"] == "OPENCV"
+        return
+    with pytest.raises(PrepareError, match=rf"a.json.* {key}|{key} must be"):
+        read_lenses(path)

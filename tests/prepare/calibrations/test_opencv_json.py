@@ -92,7 +92,9 @@ def test_a_camera_without_pose_is_left_out_with_the_reason(tmp_path):
     content = {"a": camera(POSES[0]), "b": {"K": MATRIX}, "board": {"rows": 6}}
     calibration = read_calibration(write(tmp_path / "a.json", content))
     assert [one.name for one in calibration.cameras] == ["a"]
-    assert calibration.left_out == {"b": "has no R (3 or 9 numbers) and t (3 numbers)"}
+    assert calibration.left_out == {
+        "b": "has no R (3 or 9 numbers) and t (3 numbers), nor RT (12 or 16)"
+    }
 
 
 @pytest.mark.parametrize("change", [{"R": [1, 0, 0, 0]}, {"t": np.eye(4).tolist()}])

@@ -7,7 +7,7 @@ import pytest
 
 from gaussray.io.safe.limits import Limits, limit, limits
 from gaussray.prepare.calibrations.read import read_calibration
-from gaussray.prepare.calibrations.stereo_npz import is_stereo_npz, read_stereo_npz
+from gaussray.prepare.calibrations.stereo_npz import is_stereo_npz, read_calibration_npz
 from gaussray.prepare.errors import PrepareError
 
 
@@ -40,14 +40,14 @@ def test_the_cameras_of_a_file_and_of_its_folder(tmp_path):
 
 def test_four_coefficients_are_of_a_fisheye_if_the_file_says_so(tmp_path, capsys):
     four = {"distL": np.array([[0.1], [0.2], [0.3], [0.4]]), "distR": np.zeros((4, 1))}
-    first, _ = read_stereo_npz(write(tmp_path / "stereo_fisheye.npz", **four)).cameras
+    first, _ = read_calibration_npz(write(tmp_path / "stereo_fisheye.npz", **four)).cameras
     assert first.lens["camera_model"] == "OPENCV_FISHEYE" and first.lens["k3"] == 0.3
     assert "taken as OpenCV's fisheye model" in capsys.readouterr().out
-    first, _ = read_stereo_npz(write(tmp_path / "stereo.npz", **four)).cameras
+    first, _ = read_calibration_npz(write(tmp_path / "stereo.npz", **four)).cameras
     assert first.lens["camera_model"] == "OPENCV" and first.lens["p1"] == 0.3
     mixed = write(tmp_path / "mixed_fisheye.npz", **four | {"distR": np.zeros(5)})
     with pytest.raises(PrepareError, match="distL and distR must be four numbers each"):
-        read_stereo_npz(mixed)
+        read_calibration_npz(mixed)
     assert capsys.readouterr().out == ""
 
 

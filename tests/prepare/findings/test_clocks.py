@@ -66,3 +66,23 @@ def test_pictures_that_no_other_camera_has_a_time_for_are_told():
     assert "not used: 4 of tall;" in text and "all of them have 5" in text
     assert not warnings(folder("tall", 5), folder("wide", 5))
     assert not warnings(folder("tall", 9))
+
+
+def test_numbers_that_not_all_folders_have_are_told():
+    def folder(name, *numbers):
+        pictures = tuple(pathlib.Path(f"{n:03d}.png") for n in numbers)
+        return Source(name, pathlib.Path(name), pictures, np.zeros(0), ((64, 48),))
+
+    def warnings(*sources, method="none"):
+        found_ = found(sources, method)
+        return [finding.text for finding in found_ if finding.level == "warn"]
+
+    some, late = folder("some", 0, 1, 2, 5, 6), folder("late", 2, 3, 4, 5, 6)
+    (text,) = warnings(some, late)
+    assert text == (
+        "pictures that are not used: 2 of some, 2 of late; all folders have 3 of the numbers in "
+        "their names"
+    )
+    assert not warnings(some, late, method="known")
+    (text,) = warnings(folder("a", 0, 1, 2), folder("b", 1, 2, 3))
+    assert text.endswith("may not be: a begins with 000 and b with 001")

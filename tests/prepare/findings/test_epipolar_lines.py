@@ -1,12 +1,164 @@
 """What is said about the distances of matches from their epipolar lines."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
-from gaussray.prepare.epipolar import EpipolarPair
+from gaussray.prepare.epipolar import EpipolarPair, epipolar_pairs
+from gaussray.prepare.features import Keypoints, MatchingPicture
 from gaussray.prepare.findings.epipolar_lines import EVIDENCE, epipolar_findings
 from gaussray.prepare.poses import Placement
 from gaussray.prepare.sparse_model import Observations, SparseModel
+
+
+pytest.importorskip("pycolmap")
+
+WIDTH, HEIGHT, FOCAL = 640, 480, 500.0
+
+
+def turned(degrees):
+    """A rotation about the y axis."""
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    return np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
+
+
+def true_poses(count):
+    """World to camera of cameras on an arc of irregular height that look at the origin."""
+    poses = []
+    for k in range(count):
+        back = turned(25.0 * k) @ np.array([0, 0, -4.0 - 0.3 * (k % 2)])
+        eye = back + np.array([0, 0.5 * (-1) ** k, 0])
+        forward = -eye / np.linalg.norm(eye)
+        right = np.cross([0, 1, 0], forward)
+        right /= np.linalg.norm(right)
+        rotation = np.stack([right, np.cross(forward, right), forward])
+        poses.append(np.column_stack([rotation, -rotation @ eye]))
+    return np.array(poses)
+
+
+def rig(count, poses=None, factor=1.0, matches=60, neighbours=2):
+    """Cameras that share points with their next neighbours, as a calibration has them.
+
+    Args:
+        count: number of cameras.
+        poses: world to camera as the calibration says; None: as they are.
+        factor: how many times as large the pictures of the calibration are.
+        matches: number of matches of each pair.
+        neighbours: pairs are so many cameras apart at most.
+    """
+    points = np.random.default_rng(0).uniform(-1, 1, (matches, 3))
+    lens = {"camera_model": "PINHOLE", "w": WIDTH, "h": HEIGHT, "fl_x": FOCAL, "fl_y": FOCAL}
+    lens |= {"cx": WIDTH / 2, "cy": HEIGHT / 2}
+    keypoints, files = {}, [f"{k}.png" for k in range(count)]
+    noise = np.random.default_rng(1)
+    for file, pose in zip(files, true_poses(count), strict=True):
+        inside = points @ pose[:, :3].T + pose[:, 3]
+        pixel = FOCAL * inside[:, :2] / inside[:, 2:] + [lens["cx"], lens["cy"]]
+        pixel += 0.2 * noise.normal(size=pixel.shape)
+        keypoints[file] = Keypoints(pixel, np.zeros(matches, int))
+    same = np.stack([np.arange(matches)] * 2, axis=1)
+    pairs = {
+        (files[i], files[k]): same
+        for i in range(count)
+        for k in range(i + 1, min(i + 1 + neighbours, count))
+    }
+    calibrated = lens | {key: factor * lens[key] for key in ("fl_x", "fl_y", "cx", "cy")}
+    poses = true_poses(count) if poses is None else poses
+    nothing = np.zeros(0, int)
+    seen = Observations(nothing, nothing, nothing, np.zeros((0, 2)), np.zeros(0))
+    model = SparseModel(files, poses, [dict(calibrated) for _ in files], np.zeros((0, 3)), seen)
+    pictures = {f: MatchingPicture(f, f"cam{k}", 0, (640, 480)) for k, f in enumerate(files)}
+    still = frozenset(picture.camera for picture in pictures.values())
+    return Placement(model, pictures, keypoints, pairs, still, known=True)
+
+
+def said(placement, most=6):
+    """The finding about a rig."""
+    (finding,) = epipolar_findings(placement, epipolar_pairs(placement, most))
+    return finding
+
+
+def with_pose(poses, index, change):
+    """The poses, of which one is another one."""
+    poses = poses.copy()
+    poses[index] = change(poses[index])
+    return poses
+
+
+def inverse(pose):
+    return np.column_stack([pose[:, :3].T, -pose[:, :3].T @ pose[:, 3]])
+
+
+def test_a_correct_calibration_is_good_and_no_camera_is_named():
+    assert said(rig(6)) == ("good", "epipolar lines", said(rig(6)).text, "")
+    assert "cam" not in said(rig(6)).text
+
+
+def test_a_camera_that_was_turned_is_named_with_its_distances():
+    """Two of the six pairs that are drawn are off, so their median is as good as ever."""
+    poses = with_pose(true_poses(8), 3, lambda pose: turned(6) @ pose)
+    finding = said(rig(8, poses, neighbours=1))
+    assert (
+        finding.level == "warn" and "cam3: " in finding.text and "pixels with cam" in finding.text
+    )
+    assert "with cam2" in finding.text and "with cam4" in finding.text
+    assert "those of all other pairs are at most 0.2" in finding.text
+    assert "moved or turned since the calibration" in finding.remedy
+    unknown = dataclasses.replace(rig(8, poses, neighbours=1), known=False)
+    assert said(unknown).level == "good"
+
+
+def test_matches_that_prove_nothing_name_no_camera():
+    poses = with_pose(true_poses(8), 3, lambda pose: turned(6) @ pose)
+    placement = rig(8, poses, neighbours=1)
+    few = {pair: rows[:20] if "3.png" in pair else rows for pair, rows in placement.matches.items()}
+    assert said(dataclasses.replace(placement, matches=few)).level == "good"
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (inverse, "if R and t are camera-to-world: invert them"),
+        (lambda pose: pose * [1, 1, 1, 1e-3], "if t has another unit: multiply it by 1000"),
+    ],
+)
+def test_one_camera_of_another_convention_is_told_how(change, words):
+    finding = said(rig(4, with_pose(true_poses(4), 3, change), neighbours=3))
+    assert "cam3: " in finding.text and "those of cam3 fit (0." in finding.text
+    assert finding.text.endswith(words) and finding.remedy.startswith("Correct")
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: rig(5, np.array([inverse(x) for x in true_poses(5)])), "camera-to-world: invert"),
+        (lambda: rig(5), ""),
+        (lambda: rig(5, np.diag([1, -1, -1]) @ true_poses(5)), "axes are OpenGL's"),
+        (lambda: rig(5, factor=2.0), "is of pictures of about 1280 x 960"),
+        (lambda: rig(5, factor=3.0), "is of pictures of about 1920 x 1440"),
+        (lambda: rig(5, true_poses(5)[[1, 0, 2, 3, 4]]), "cam0 and cam1 are exchanged"),
+        (lambda: rig(4, true_poses(4)[[2, 1, 0, 3]]), "cam0 and cam2 are exchanged"),
+    ],
+)
+def test_the_reading_with_which_a_calibration_fits_is_told(make, words):
+    finding = said(make())
+    assert ("fit (0." in finding.text) == bool(words) and words in finding.text
+    assert (finding.level == "good") == (not words)
+
+
+def test_two_exchanged_cameras_of_many_are_told_though_many_pairs_fit():
+    finding = said(rig(12, true_poses(12)[[0, 1, 9, 3, 4, 5, 6, 7, 8, 2, 10, 11]]))
+    assert "cam2: " in finding.text and "cam9: " in finding.text
+    assert finding.text.endswith("cam2 and cam9 are exchanged")
+
+
+def test_a_calibration_of_something_else_fits_in_no_reading():
+    poses = true_poses(5)
+    poses[:, :, :3] = np.stack([turned(40 * k**2) @ np.roll(np.eye(3), k, 0) for k in range(5)])
+    finding = said(rig(5, poses))
+    assert finding.level == "refuse" and "fit (" not in finding.text
+    assert finding.remedy.startswith("The calibration is not of these pictures")
 
 
 def placed(known, width=640):

@@ -9,7 +9,7 @@ from gaussray.prepare.poses import Placement
 from gaussray.prepare.sparse_model import Observations, SparseModel
 
 
-def placed(counts, error, width=1000):
+def placed(counts, error, width=1000, known=False):
     """Cameras with so many observations each, all so many pixels off."""
     picture = np.repeat(np.arange(len(counts)), counts)
     point = np.concatenate([np.arange(count) for count in counts])
@@ -21,7 +21,7 @@ def placed(counts, error, width=1000):
     model = SparseModel(files, poses, lenses, np.zeros((max(counts), 3)), seen)
     pictures = {f: MatchingPicture(f, f"camera{k}", 0, (4, 3)) for k, f in enumerate(files)}
     still = frozenset(picture.camera for picture in pictures.values())
-    return Placement(model, pictures, {}, {}, still=still, known=False)
+    return Placement(model, pictures, {}, {}, still=still, known=known)
 
 
 @pytest.mark.parametrize("width", [1000, 4000])
@@ -39,6 +39,16 @@ def test_cameras_of_few_observations_are_named():
     assert finding.level == "warn" and finding.text.startswith("camera1: fewer than 100")
     many = point_findings(placed([OBSERVATIONS] + 9 * [1], 0.5))[0].text
     assert "camera8..." in many and "camera9" not in many
+
+
+@pytest.mark.parametrize(("width", "fewest"), [(128, 15), (640, 64), (1000, 100), (4000, 100)])
+def test_a_calibrated_pose_is_not_weak_but_hardly_tested(width, fewest):
+    (good,) = point_findings(placed([fewest, fewest], 0.1, width, known=True))
+    assert good.level == "good"
+    (doubt,) = point_findings(placed([fewest, fewest - 1], 0.1, width, known=True))
+    assert doubt.level == "warn" and "weak" not in doubt.text
+    text = f"camera1: fewer than {fewest} observations; few points to check the pose with"
+    assert doubt.text == text
 
 
 def test_a_capture_without_points_is_doubtful():

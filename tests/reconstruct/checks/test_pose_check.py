@@ -1,5 +1,7 @@
 """Poses that contradict the pictures are told, and how they must be read where that helps."""
 
+import dataclasses
+import itertools
 import json
 
 import numpy as np
@@ -9,8 +11,10 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from gaussray.capture.errors import CaptureWarning
 from gaussray.capture.open import open_capture
 from gaussray.dataset.images import write_image
-from gaussray.reconstruct.checks import pose_check as checked
+from gaussray.reconstruct.checks import matched_details, pose_check as checked
 from gaussray.reconstruct.checks.focal_check import FocalFit
+from gaussray.reconstruct.checks.matched_details import PosedViews
+from gaussray.reconstruct.checks.odd_views import odd_views_sentence
 from gaussray.reconstruct.checks.pose_check import (
     REMEDIES,
     Misfit,
@@ -174,8 +178,12 @@ def test_turned_pairs_leave_out_views_that_look_the_same_way():
         [[[np.cos(a), 0, np.sin(a)], [0, 1, 0], [-np.sin(a), 0, np.cos(a)]] for a in angles]
     )
     eye = np.stack([angles, 0 * angles, 0 * angles], axis=1)
-    assert checked.nearest_pairs(turns, eye, 1.0) == [(0, 1), (2, 3)]
-    assert checked.nearest_pairs(turns, eye, checked.TURNED_COSINE) == [(0, 2), (1, 2), (1, 3)]
+    assert matched_details.nearest_pairs(turns, eye, 1.0) == [(0, 1), (2, 3)]
+    assert matched_details.nearest_pairs(turns, eye, checked.TURNED_COSINE) == [
+        (0, 2),
+        (1, 2),
+        (1, 3),
+    ]
 
 
 def test_poses_of_something_else_fit_in_no_reading(shown):
@@ -188,8 +196,54 @@ def test_poses_of_something_else_fit_in_no_reading(shown):
         warn_of_wrong_poses(shown("moved", moved))
 
 
+def one_turned(index, degrees):
+    """Poses of which one is turned upwards."""
+    count = itertools.count()
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    turn = np.eye(4)
+    turn[1:3, 1:3] = [[c, -s], [s, c]]
+    return lambda pose: (pose @ turn if next(count) == index else pose) @ FLIP
+
+
+@pytest.mark.parametrize("index", [0, 3])
+def test_a_camera_that_was_turned_is_named_and_the_others_fit(shown, index):
+    pictures = shown(f"turned{index}", one_turned(index, 4))
+    sentence = odd_views_sentence(PosedViews(pictures))
+    assert f"poses put them (0.1 pixels), but those of {index} lie " in sentence
+    assert "; those of" not in sentence
+    with pytest.warns(CaptureWarning, match="moved or turned since"):
+        warn_of_wrong_poses(pictures)
+
+
+def test_a_camera_of_its_own_name_can_be_held_out(shown):
+    pictures = shown("named", one_turned(3, 4))
+    names = np.array([f"cam{k}" for k in range(len(pictures.name))])
+    sentence = odd_views_sentence(PosedViews(dataclasses.replace(pictures, name=names)))
+    assert "those of cam3 lie " in sentence and "pixels off with cam2" in sentence
+    assert sentence.endswith("capture.test=['cam3'].")
+
+
+def test_no_camera_is_named_where_all_fit_or_matches_are_of_things_that_look_alike(
+    shown, monkeypatch
+):
+    assert odd_views_sentence(PosedViews(shown("fit", WRITTEN[""]))) == ""
+    turned = PosedViews(shown("alike", one_turned(3, 4)))
+    matched = turned.matches
+
+    def mixed(pairs):
+        """Every detail matches another one."""
+        for match in matched(pairs):
+            count = len(match.other.ray)
+            order = np.random.default_rng(0).permutation(count)
+            odd = 3 in (match.first, match.second)
+            yield match._replace(other=match.other.part(order)) if odd else match
+
+    monkeypatch.setattr(turned, "matches", mixed)
+    assert odd_views_sentence(turned) == ""
+
+
 def test_nothing_is_said_of_pictures_without_details(shown, monkeypatch):
-    monkeypatch.setattr(checked, "_DETAILS", 6)
+    monkeypatch.setattr(matched_details, "_DETAILS", 6)
     found = pose_check(shown("few", WRITTEN["opencv"]))
     assert found.near.matches < checked.TELLING_MATCHES and found.sentence == ""
 

@@ -1,0 +1,42 @@
+"""The size of a camera's pictures among the values of a file."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from gaussray.prepare.calibrations.opencv_numbers import finite_numbers
+from gaussray.prepare.calibrations.value_names import VALUE_NAMES, plain_key
+
+
+_SIDES = ("width", "height")
+
+
+def sizes_in(values: Mapping[str, Any]) -> dict[str, Any]:
+    """The values that say the size of a camera's pictures.
+
+    Args:
+        values: values by key.
+    """
+    names = {name for what in ("size", *_SIDES) for name in VALUE_NAMES[what]}
+    return {key: value for key, value in values.items() if plain_key(key) in names}
+
+
+def sides_in(values: Mapping[str, Any]) -> tuple[float, float]:
+    """Columns and rows that have a key each, among the values or in a block of a size; 0 for what
+    is not said.
+
+    Args:
+        values: values by key.
+    """
+    blocks = [value for value in sizes_in(values).values() if isinstance(value, Mapping)]
+    sides = {key: value for block in [values, *blocks] for key, value in block.items()}
+    columns, rows = (_first(sides, VALUE_NAMES[what]) for what in _SIDES)
+    return columns, rows
+
+
+def _first(values: Mapping[str, Any], names: tuple[str, ...]) -> float:
+    for value in (value for key, value in values.items() if plain_key(key) in names):
+        try:
+            return float(finite_numbers(value, (1,))[0])
+        except ValueError:
+            continue
+    return 0.0

@@ -1,0 +1,34 @@
+"""Names of a camera's values in the keys of public files."""
+
+import re
+
+
+# In small letters and digits alone (`plain_key`).
+VALUE_NAMES = {
+    "matrix": (
+        *("m", "k", "mtx", "mat", "cm", "cameramatrix", "cammtx", "cammatrix", "cammats"),
+        *("cameramtx", "intrinsic", "intrinsics", "intrinsicmatrix", "intrinsicmtx", "matrix"),
+    ),
+    "distortion": (
+        *("d", "dist", "dst", "distcoef", "distcoefs", "distcoeff", "distcoeffs"),
+        *("distortion", "distortions", "distortioncoefficients", "distortioncoeffs"),
+    ),
+    "rotation": ("r", "rot", "rotation", "rotationmatrix", "rmat", "rotmat", "stereor", "rstereo"),
+    "translation": (
+        *("t", "trans", "translation", "translationvector", "tvec", "transvec"),
+        *("stereot", "tstereo"),
+    ),
+    # Columns and rows of the calibrated pictures.
+    "size": ("imagesize", "imgsize", "framesize", "size", "resolution", "resolutionwh"),
+    "width": ("imagewidth", "imgwidth", "width", "w"),
+    "height": ("imageheight", "imgheight", "height", "h"),
+}
+
+
+def plain_key(key: object) -> str:
+    """A key in small letters and digits alone, as `VALUE_NAMES` has them.
+
+    Args:
+        key: the key as the file has it.
+    """
+    return re.sub("[^a-z0-9]", "", str(key).lower())

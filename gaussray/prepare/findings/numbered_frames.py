@@ -1,0 +1,54 @@
+"""Whether the pictures of several folders belong together, and which are not used."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gaussray.prepare.findings.finding import Finding
+from gaussray.prepare.sources import Source
+from gaussray.prepare.sync import Sync
+from gaussray.prepare.timeline import Timeline, numbers_of_pictures
+
+
+def numbered_frames_findings(
+    sources: Sequence[Source], sync: Sync, timeline: Timeline
+) -> list[Finding]:
+    """Pictures that are not used, and names that speak against pictures at one place.
+
+    Args:
+        sources: cameras of the input.
+        sync: how their offsets were found.
+        timeline: the pictures that are used.
+    """
+    folders = [source for source in sources if not source.is_video]
+    found, findings = numbers_of_pictures(sources, sync), []
+    if found.doubt and not found.common:
+        findings.append(
+            Finding(
+                "warn",
+                "sync",
+                "pictures at one place in their folders are taken to be of one time, but by the "
+                f"numbers in their names they may not be: {found.doubt}",
+                "If they are not, call pictures of one time alike in all folders.",
+            )
+        )
+    remedy = "Photographs of a still scene belong in one folder, whatever their sizes."
+    if found.common and not found.is_order:
+        count = len(found.common)
+        left = {name: len(own) - count for name, own in found.numbers.items()}
+        why = f"all folders have {count} of the numbers in their names"
+    else:
+        left = {s.name: s.count - len(np.unique(timeline.frames[s.name])) for s in folders}
+        if len({source.count for source in folders}) == 1:
+            # It is the user's own choice of times.
+            left = {}
+        why = (
+            "folders of pictures are cameras that take pictures at the same times, and all of them "
+            f"have {len(timeline.times)}"
+        )
+        remedy = f"Give each folder as many. {remedy}"
+    unused = ", ".join(f"{count} of {name}" for name, count in left.items() if count)
+    if unused:
+        text = f"pictures that are not used: {unused}; {why}"
+        findings.append(Finding("warn", "sync", text, remedy))
+    return findings

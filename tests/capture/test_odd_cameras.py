@@ -1,0 +1,34 @@
+"""Which cameras explain that some pairs fit and others do not."""
+
+from gaussray.capture.odd_cameras import JudgedPair, odd_cameras
+
+
+def odd(good="", bad="", matches=50):
+    """The cameras that are named, of pairs written as two letters."""
+    pairs = {(a, b): JudgedPair(matches, True) for a, b in good.split()}
+    return odd_cameras(pairs | {(a, b): JudgedPair(matches, False) for a, b in bad.split()})
+
+
+def test_the_camera_that_is_common_to_the_bad_pairs_is_named():
+    assert odd(good="ab bc ac", bad="ad bd cd") == ["d"]
+    assert odd(good="bc", bad="ab ac") == ["a"]
+    # The other one of its only pair fits elsewhere.
+    assert odd(good="ab bc", bad="cd") == ["d"]
+
+
+def test_several_cameras_are_named_as_long_as_most_fit():
+    assert odd(good="ab bc ca cf", bad="de da eb") == ["d", "e"]
+    assert odd(good="ab", bad="ac bc ad bd cd") == []
+
+
+def test_nothing_is_named_where_all_fit_or_none_does_or_two_are_equally_likely():
+    assert odd(good="ab bc ca") == odd() == []
+    assert odd(bad="ab bc ca") == odd(bad="ab") == []
+    assert odd(good="bc de", bad="af") == []
+    assert odd(good="ab bc cd da", bad="ac") == []
+
+
+def test_a_pair_that_fits_by_chance_with_fewer_matches_excuses_no_camera():
+    pairs = {("a", "b"): JudgedPair(50, True), ("b", "c"): JudgedPair(50, True)}
+    pairs |= {("a", "d"): JudgedPair(50, False), ("b", "d"): JudgedPair(60, False)}
+    assert odd_cameras(pairs | {("c", "d"): JudgedPair(30, True)}) == ["d"]

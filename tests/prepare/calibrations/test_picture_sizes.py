@@ -1,0 +1,122 @@
+"""The size of calibrated pictures under its names, and lenses of unknown size."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from quads import arc
+
+from gaussray.prepare.calibrations.assign import assign_cameras
+from gaussray.prepare.calibrations.known_camera import Calibration
+from gaussray.prepare.calibrations.picture_sizes import sides_in, sizes_in
+from gaussray.prepare.calibrations.read import read_calibration
+from gaussray.prepare.calibrations.resized import resized_lens
+from gaussray.prepare.errors import PrepareError
+from gaussray.prepare.sources import Source
+
+
+POSES = arc(3)
+MATRIX = [[500.0, 0, 319.5], [0, 505.0, 239.5], [0, 0, 1]]
+
+
+def read(path, **more):
+    content = {
+        f"cam{k}": {"K": MATRIX, "R": pose[:, :3].tolist(), "t": pose[:, 3].tolist(), **more}
+        for k, pose in enumerate(POSES, 1)
+    }
+    path.write_text(json.dumps(content))
+    return read_calibration(path).cameras
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        *({key: [640, 480]} for key in ("size", "imgSize", "img_size", "image_size", "imageSize")),
+        *({key: [640, 480]} for key in ("resolution", "resolution_wh", "frame_size")),
+        *({"width": 640, "height": 480}, {"image_width": 640, "image_height": 480}),
+        *({"img_width": 640, "img_height": [480]}, {"w": 640.0, "h": 480.0}),
+        *({"image_size": {"width": 640, "height": 480}}, {"size": None, "imgSize": [640, 480]}),
+    ],
+)
+def test_a_size_is_read_under_its_names(tmp_path, said):
+    lenses = [camera.lens for camera in read(tmp_path / "a.json", **said)]
+    assert {(lens["w"], lens["h"]) for lens in lenses} == {(640, 480)}
+
+
+def test_a_size_at_the_top_is_of_all_cameras(tmp_path):
+    camera = {"K": MATRIX, "R": np.eye(3).tolist(), "t": [0, 0, 1]}
+    cameras = {"a": camera, "b": {**camera, "size": [320, 240]}}
+    sides = {"image_width": 640, "image_height": 480}
+    for content in ({**cameras, "img_size": [640, 480]}, {"cameras": cameras, **sides}):
+        (tmp_path / "a.json").write_text(json.dumps(content))
+        first, second = read_calibration(tmp_path / "a.json").cameras
+        assert (first.lens["w"], second.lens["w"]) == (640, 320)
+    # One without the word may be that of the chessboard.
+    (tmp_path / "a.json").write_text(json.dumps({**cameras, "size": [8, 6], "width": 8}))
+    first, second = read_calibration(tmp_path / "a.json").cameras
+    assert (first.lens["w"], second.lens["w"]) == (0, 320)
+
+
+@pytest.mark.parametrize(
+    ("said", "message"),
+    [
+        ({"imgSize": [640, float("nan")]}, "size of camera cam1 must be two whole numbers"),
+        ({"image_size": [640, 480, 3]}, "size of camera cam1 must be two whole numbers"),
+        ({"img_size": [10**400, 480]}, "size of camera cam1 must be two whole numbers"),
+        ({"image_width": 640}, "must be two whole numbers from 1 to 1000000 .* 640 x 0"),
+        ({"image_width": -640, "image_height": 480}, "from 1 to 1000000 .* got -640 x 480"),
+        ({"imgSize": [1e300, 480]}, "from 1 to 1000000 .* got 1e.300 x 480"),
+    ],
+)
+def test_a_wrong_size_is_told(tmp_path, said, message):
+    with pytest.raises(PrepareError, match=message):
+        read(tmp_path / "a.json", **said)
+
+
+def test_sides_are_found_among_other_values():
+    values = {"imageWidth": 640, "h": "x", "height": 480, "K": MATRIX}
+    assert sides_in(values) == (640, 480)
+    assert list(sizes_in(values)) == ["imageWidth", "h", "height"]
+    assert sides_in({"K": MATRIX}) == (0, 0)
+
+
+@pytest.mark.parametrize(("scale", "sides"), [(2, "1280 x 960"), (0.5, "320 x 240")])
+def test_a_lens_of_unknown_size_whose_middle_is_elsewhere_is_told(scale, sides):
+    lens = {"w": 0, "h": 0, "fl_x": 1e3, "fl_y": 1e3, "cx": 319.5 * scale, "cy": 240.5 * scale}
+    resized, finding = resized_lens(lens, "cam1", (640, 480), "poses.calibration")
+    assert resized == lens | {"w": 640, "h": 480}
+    text = f"says no size of its pictures, and its principal point is at {319.5 * scale:.0f} of 640"
+    assert finding.level == "warn" and text in finding.text
+    assert finding.remedy == f"Was it calibrated at {sides}? Give the size."
+
+
+def test_cameras_of_unknown_size_whose_middle_is_elsewhere_are_told_once(tmp_path, capsys):
+    known = Calibration(read(tmp_path / "a.json"))
+    sources = [
+        Source(f"cam{k}", Path(f"cam{k}.mp4"), (), np.zeros(3), ((320, 240),)) for k in (1, 2, 3)
+    ]
+    _, findings = assign_cameras(known, sources)
+    assert [one.subject for one in findings] == ["lens"] * 3
+    told = "is at 320 of 320 columns (and of 2 more cameras alike). Was it calibrated at 640 x 480?"
+    assert capsys.readouterr().out.count(told) == 1
+    sized = Calibration(read(tmp_path / "a.json", image_size=[640, 480]))
+    _, findings = assign_cameras(sized, sources)
+    assert len(findings) == 3 and "columns" not in capsys.readouterr().out
+
+
+def test_a_lens_of_unknown_size_with_its_middle_in_the_picture_passes(capsys):
+    for cx in (0.36 * 640, 320, 0.69 * 640):
+        lens = {"w": 0, "h": 0, "fl_x": 1e3, "fl_y": 1e3, "cx": cx, "cy": 240.0}
+        assert resized_lens(lens, "cam1", (640, 480), "poses.lens")[1] is None
+    # A size that is said counts, wherever the principal point is.
+    lens = {"w": 640, "h": 480, "fl_x": 1e3, "fl_y": 1e3, "cx": 600.0, "cy": 240.0}
+    assert resized_lens(lens, "cam1", (640, 480), "poses.lens") == (lens, None)
+    assert capsys.readouterr().out == ""
+
+
+@pytest.mark.parametrize("cx", [0.5, 0.0, -300.0])
+def test_a_principal_point_in_shares_of_the_width_names_no_size(cx):
+    lens = {"w": 0, "h": 0, "fl_x": 1.2, "fl_y": 1.2, "cx": cx, "cy": cx}
+    _, finding = resized_lens(lens, "cam1", (640, 480), "poses.calibration")
+    assert finding.remedy.startswith("Are all numbers in pixels?")
