@@ -26,15 +26,14 @@ def warn_of_other_clocks(capture: Capture) -> None:
     if len(known) < 2:
         return
     count = np.median([len(own) for own in known.values()])
-    span = np.median([np.ptp(own) for own in known.values()])
-    others, usual = [], None
-    for name, own in known.items():
-        length = np.ptp(own)
-        if max(length / span, span / length) <= _OTHER:
-            usual = own
-        elif abs(len(own) - count) < _ALIKE * count:
-            others.append((name, own))
-    if others and usual is not None:
+    usual = sorted(known.values(), key=np.ptp)[(len(known) - 1) // 2]
+    others = [
+        (name, own)
+        for name, own in known.items()
+        if abs(len(own) - count) < _ALIKE * count
+        and max(np.ptp(own) / np.ptp(usual), np.ptp(usual) / np.ptp(own)) > _OTHER
+    ]
+    if others:
         name, own = others[0]
         more = f" and of {len(others) - 1} other cameras" if len(others) > 1 else ""
         warnings.warn(

@@ -105,5 +105,5 @@ def _of_trial_part(fits: TrialFits, most: int, say: Callable[[str], None]) -> Tr
     if part is fits.capture:
         return fits
     first, last = part.time_range
-    say(f"The trial sees successive times alone, from {first:g} to {last:g}, at which much moves.")
+    say(f"The trial sees successive times alone, from {first:g} to {last:g}: most moves there.")
     return replace(fits, capture=part, segment=segments(part, most)[0], shared=SharedResults())

@@ -68,7 +68,7 @@ def initial_state(session: Session, progress: RunProgress) -> tuple[State, RunPr
     most = session.options.density.room(len(moves))
     progress = replace(progress, initial=initial, most=most, free_space=space)
     corrections = no_corrections(fit.refine, len(session.names), session.footage.camera)
-    return with_room(session, gaussians, moves, corrections, progress)
+    return _with_room(session, gaussians, moves, corrections, progress)
 
 
 def _free_space(session: Session, position: Float[np.ndarray, "points 3"]) -> FreeBalls | None:
@@ -93,7 +93,7 @@ def continued_state(
     gaussians = constrain(take_rows(static, np.flatnonzero(occupied(static))))
     moves = may_move(session, np.asarray(gaussians.mean), on_surfaces=True)
     progress = replace(progress, initial=_counts(moves))
-    return with_room(session, gaussians, moves, state.parameters.corrections, progress)
+    return _with_room(session, gaussians, moves, state.parameters.corrections, progress)
 
 
 def _counts(moves: Bool[np.ndarray, " gaussians"]) -> tuple[int, int]:
@@ -124,26 +124,17 @@ def may_move(
     return moves
 
 
-def with_room(
+def _with_room(
     session: Session,
     gaussians: Gaussians,
     moves: Bool[np.ndarray, " gaussians"],
     corrections: Corrections | None,
     progress: RunProgress,
 ) -> tuple[State, RunProgress]:
-    """The state of Gaussians, in arrays with rows for those that density control may add, and the
-    progress with the largest numbers of each kind.
-
-    Args:
-        session: the segment.
-        gaussians: static and moving Gaussians.
-        moves: which of them may move.
-        corrections: of the cameras.
-        progress: the progress so far, with the largest number of all Gaussians.
-    """
+    """The state of these Gaussians, in arrays with rows for those that density control may add."""
     growth = max(progress.most / max(len(moves), 1), 1.0)
     limit = tuple(int(count * growth) for count in _counts(moves))
-    density, (still, moving) = session.options.density, least_shares()
+    density, (still, moving) = session.options.density, _least_shares()
     # A multiple of 8 on every device.
     step = 8 * session.mesh.size
 
@@ -158,7 +149,7 @@ def with_room(
     return begin_state(parameters), replace(progress, limit=limit)
 
 
-def least_shares() -> tuple[float, float]:
+def _least_shares() -> tuple[float, float]:
     """The least share of the budget for which this device has rows of what stands still and of what
     moves, where transient Gaussians share the budget."""
     return (_ROWS_STILL, _ROWS_MOVING) if jax.default_backend() == "gpu" else (0.0, 0.0)

@@ -23,10 +23,11 @@ from gaussray.tracer.traverse import Capacity
 _SEEN = 2
 # The lists of the CUDA kernel: entries of a list of one bundle (experiments/captures/log.md).
 _SLOTS = 1 << 14
-# Places for transient Gaussians that are alive: how many times as many as there are at first; at
-# least a share of the rows, up to a largest number; and within how many lifetimes of its instant
-# one is alive (an opacity of 1 has faded below 1 / 255 after 3.3).
-_MORE_ALIVE, _SHARE_ALIVE, _FEW_ALIVE, _ALIVE = 1.25, 0.25, 1 << 16, 3.4
+# Places for transient Gaussians that are alive: as many times as many as there are at first, and at
+# least a share of the rows, but no more than so many.
+_MORE_PLACES, _SHARE_OF_ROWS, _MOST_OF_SHARE = 1.25, 0.25, 1 << 16
+# Lifetimes about its instant within which one is alive: 1 has faded below 1 / 255 after 3.3.
+_LIFETIMES = 3.4
 
 
 def step_options(session: Session, stage: str) -> StepOptions:
@@ -70,7 +71,7 @@ def first_sizes(session: Session, state: State, batches: Batch) -> BlockSizes:
     Args:
         session: the segment.
         state: the state before the first step.
-        batches: the tiles of a block, of which the first step is measured.
+        batches: the tiles of a block, of which the first step is measured where it must be.
     """
     mesh, keys, density = session.mesh, session.key_states(state), session.options.density
     count = gaussian_count(state)
@@ -98,11 +99,11 @@ def _places_alive(session: Session, state: State) -> int:
         return 0
     found = transients_of(take_rows(free, np.flatnonzero(occupied(free))), session.cameras.times)
     instant, around = np.asarray(found.instant), np.asarray(found.plateau)
-    around = around + _ALIVE * np.asarray(found.lifetime)
+    around = around + _LIFETIMES * np.asarray(found.lifetime)
     begun = np.searchsorted(np.sort(instant - around), session.times, "right")
     alive = begun - np.searchsorted(np.sort(instant + around), session.times, "left")
-    least = min(int(_SHARE_ALIVE * len(free.mean)), _FEW_ALIVE)
-    wanted = max(int(_MORE_ALIVE * np.max(alive)), least, 1)
+    least = min(int(_SHARE_OF_ROWS * len(free.mean)), _MOST_OF_SHARE)
+    wanted = max(int(_MORE_PLACES * np.max(alive)), least, 1)
     return 1 << (wanted - 1).bit_length()
 
 

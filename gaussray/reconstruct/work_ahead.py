@@ -7,7 +7,8 @@ that stand in for those to come. Where their shapes were guessed wrong, steps co
 
 import contextlib
 from collections.abc import Callable, Hashable, Iterator
-from concurrent.futures import Future
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -38,6 +39,8 @@ from gaussray.scene.control_points import ControlPoints
 _CORES = 6
 # Points that stand in for what moves at each time.
 _POINTS = 16
+# Bytes of a GPU's memory from which on a block of the fine stage runs beside the coarse one.
+_MEMORY = 16 << 30
 
 
 @contextlib.contextmanager
@@ -58,32 +61,43 @@ def work_ahead(
     """
     fit = session.options.fit
     soft = fit.transient and (fit.control or not fit.deforms) and not session.still_first
+    density = session.options.density
+    # With less room than for a few of the points of each time, there is little to wait for.
+    soft = soft and density.relocates and density.gaussians > 4 * _POINTS * fit.instants
     alone = session.mesh.size == 1 and jax.process_count() == 1 and works_ahead()
-    known = session.shared.known(("ahead", fit.motion))
-    if known or not (soft and alone and by_pictures_alone(session, None)):
+    key = "ahead", fit.motion, fit.refine
+    if session.shared.known(key) or not (soft and alone and by_pictures_alone(session, None)):
         yield lambda state: None
         return
     # Fits of the same pictures share what is found and compiled.
-    session.shared.note(("ahead", fit.motion), True)
-    expected: list[Hashable] = []
+    session.shared.note(key, True)
+    expected: Future[Any] = Future()
 
     def compiled() -> None:
         guess = stand_in(session, state, progress)
-        expected.append(shapes(guess))
+        expected.set_result(shapes(guess))
         run_block(session, "fine", guess)
 
+    def ready(state: State) -> None:
+        wait([expected, program], return_when=FIRST_COMPLETED)
+        if expected.done() and expected.result() == shapes(state):
+            _finish(program)
+
     with beside([lambda: find_motion(session, state.parameters), compiled]) as (_, program):
-        yield lambda state: _wait(program) if shapes(state) in expected else None
+        yield ready
 
 
-def _wait(work: Future[None]) -> None:
+def _finish(work: Future[None]) -> None:
     """Wait for a work. What fails in it fails again, and is told, where its result is needed."""
     work.exception()
 
 
 def works_ahead() -> bool:
-    """Whether this machine has a GPU, and processors to work ahead with."""
-    return jax.default_backend() == "gpu" and cores() >= _CORES
+    """Whether this machine has a GPU, and memory and processors to work ahead with."""
+    if jax.default_backend() != "gpu" or cores() < _CORES:
+        return False
+    known = jax.local_devices()[0].memory_stats() or {}
+    return known.get("bytes_limit", 0) >= _MEMORY
 
 
 def shapes(state: State) -> Hashable:

@@ -32,6 +32,8 @@ def test_a_camera_that_counts_frames_among_seconds_is_named(capture):
     seconds, frames = np.arange(30) / 5, np.arange(31)
     with pytest.warns(CaptureWarning, match="31 pictures of c have times from 0 to 30, .* to 5.8"):
         warn_of_other_clocks(of_times(capture, {"a": seconds, "b": seconds, "c": frames}))
+    with pytest.warns(CaptureWarning, match="of b have times from 0 to 29, .* from 0 to 5.8"):
+        warn_of_other_clocks(of_times(capture, {"a": seconds, "b": np.arange(30)}))
     with pytest.warns(CaptureWarning, match="of b and of 1 other cameras"):
         times = {name: seconds for name in "adef"} | {name: 9 * seconds for name in "bc"}
         warn_of_other_clocks(of_times(capture, times))

@@ -26,15 +26,15 @@ pytestmark = pytest.mark.usefixtures("known_sizes")
 
 OPTIONS = replace(
     toy.SHORT,
-    fit=replace(toy.SHORT.fit, motion="control_points", coarse=10, fine=20),
-    density=DensityOptions(kind="relocate", interval=100, opacity=0.005, gaussians=64),
+    fit=replace(toy.SHORT.fit, motion="control_points", coarse=10, fine=20, instants=3),
+    density=DensityOptions(kind="relocate", interval=100, opacity=0.005, gaussians=256),
 )
 
 
 def clouds(_, times, **__):
     """Points about the bodies of the toy, which do not move."""
-    place = np.random.default_rng(1).normal(size=(20, 3)).astype(np.float32) * 0.3
-    one = np.ones(20, np.float32)
+    place = np.random.default_rng(1).normal(size=(10, 3)).astype(np.float32) * 0.3
+    one = np.ones(10, np.float32)
     points = StereoPoints(place, np.zeros_like(place), np.full_like(place, 0.5), one, one, one)
     return [MovingPoints(points, time, np.zeros_like(place), one) for time in times]
 
@@ -56,8 +56,8 @@ def found(monkeypatch):
 
 def waits(monkeypatch):
     """What is waited for."""
-    seen, wait = [], work_ahead._wait
-    monkeypatch.setattr(work_ahead, "_wait", lambda work: (wait(work), seen.append(work)))
+    seen, wait = [], work_ahead._finish
+    monkeypatch.setattr(work_ahead, "_finish", lambda work: (wait(work), seen.append(work)))
     return seen
 
 
@@ -68,7 +68,7 @@ def test_the_fine_stage_runs_the_program_that_was_compiled_ahead(capture, tmp_pa
         step, "loss_of", lambda *args, **kwargs: (traced.append(1), loss(*args, **kwargs))[1]
     )
     monkeypatch.setattr(
-        work_ahead, "_wait", lambda work: (work.result(), waited.append(len(traced)))
+        work_ahead, "_finish", lambda work: (work.result(), waited.append(len(traced)))
     )
     jax.clear_caches()
     reconstruct(capture, tmp_path / "ahead", options=OPTIONS, quiet=True)
@@ -109,6 +109,6 @@ def test_what_stands_in_has_the_shapes_of_the_fine_stage(capture, tmp_path):
     # Of a fit that shares its results, nothing is begun again.
     with work_ahead.work_ahead(session, state, progress) as ready:
         ready(state)
-    known = session.shared.known(("ahead", "control_points"))
+    known = session.shared.known(("ahead", "control_points", ()))
     assert known
     assert jnp.all(real.parameters.static.mean == guess.parameters.static.mean)

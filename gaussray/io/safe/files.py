@@ -160,8 +160,10 @@ def inside(folder: Path, name: str, where: object) -> Path:
     if not any(real.is_relative_to(other) for other in known):
         link = _link_on_the_way(folder, name)
         if real.exists() or link is not None:
-            allowed = real.parent if link is None or link.is_file() else link.resolve()
+            target = real.parent if link is None or link.is_file() else link.resolve()
+            allowed = target if real.is_relative_to(target) else real.parent
             through = "" if link is None else f" ({link.name} is a link)"
+            through += "" if real.exists() else f"{same_name_hint(home, name)}"
             remedy = (
                 f"{through}. Copy it there, or, if you trust the manifest, allow its folder: "
                 f"limits.folders=['{allowed}']."

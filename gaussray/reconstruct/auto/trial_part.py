@@ -40,6 +40,7 @@ def trial_part(capture: Capture) -> Capture:
     if len(times) <= 2 * TRIAL_TIMES:
         return capture
     count = min(_STRETCHES, len(times) // TRIAL_TIMES)
+    # From the first time to the last.
     starts = np.linspace(0, len(times) - TRIAL_TIMES, count).round().astype(int)
     parts = [times[start : start + TRIAL_TIMES] for start in starts]
     change = np.zeros(count)
@@ -69,7 +70,10 @@ def _changes(
     nearest = np.abs(times - wanted[..., None]).argmin(axis=-1)
     used = np.unique(nearest)
     kind, pictures = stream_encoded(
-        [views[k] for k in used], lambda _, picture: picture[::_EVERY, ::_EVERY].copy()
+        [views[k] for k in used],
+        lambda _, picture: picture[::_EVERY, ::_EVERY].copy(),
+        # The fit reads them again, and tells.
+        warn=False,
     )
     small = {int(used[index]): picture for index, picture in pictures}
     scale = 255 if kind == np.uint8 else 1

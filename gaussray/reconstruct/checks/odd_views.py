@@ -92,4 +92,4 @@ def _shown_name(views: PosedViews, view: str) -> str:
     """The camera's name, with the time if it moves."""
     name, frame = _frame_name(views, view), views.chosen[int(view)]
     alone = np.sum(views.footage.name[views.chosen] == name) == 1
-    return name if alone else f"{name} at {views.footage.times[frame]:.4g} s"
+    return name if alone else f"{name} at time {views.footage.times[frame]:.8g}"

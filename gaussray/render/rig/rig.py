@@ -168,7 +168,7 @@ def _frame_times(views: Sequence[View], given: Sequence[float]) -> list[float]:
     for time in given:
         distance = np.abs(times - time)
         nearest = np.argsort(distance)[:2]
-        if distance[nearest[0]] > off:
+        if not distance[nearest[0]] <= off:
             near = ", ".join(f"{t:.8g}" for t in np.sort(times[nearest]))
             raise ValueError(
                 f"camera.times must be times of frames of the capture, got {time:g}; the nearest "
