@@ -2,8 +2,7 @@
 
 import itertools
 import re
-import statistics
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,8 +12,10 @@ from typing import NamedTuple
 _SHARE, _SHARE_WITHIN = 1 / 3, 1 / 2
 # Fewest numbers that all folders have.
 _LEAST = 2
+# The varying numbers in the name of a picture.
+_Key = tuple[int, ...]
 # What two programs that write the frames of one video call the first of them.
-_FIRSTS = {0, 1}
+_FIRSTS = {(0,), (1,)}
 
 
 class FrameNumbers(NamedTuple):
@@ -23,13 +24,17 @@ class FrameNumbers(NamedTuple):
     Args:
         common: the numbers that all folders have, in ascending order, if pictures of one number
             belong together; empty if pictures at one place in the order of the names do.
-        numbers: the number of each picture of each folder, if `common` is not empty.
+        numbers: the number of each picture of each folder, if `common` is not empty. Names with
+            several numbers that vary are counted through.
         doubt: two pictures at one place whose numbers differ; empty if there are none.
+        from_zero_and_one: whether a folder begins with 0 and another with 1, and `common` is not
+            empty: they may still show the same times.
     """
 
-    common: list[int]
-    numbers: dict[str, list[int]]
-    doubt: str
+    common: list[int] = []
+    numbers: dict[str, list[int]] = {}
+    doubt: str = ""
+    from_zero_and_one: bool = False
 
     def places(self, name: str) -> list[int]:
         """For each common number the place of its picture in a folder.
@@ -41,14 +46,15 @@ class FrameNumbers(NamedTuple):
         return [place[number] for number in self.common]
 
     def counts(self, name: str) -> list[float]:
-        """The times of a folder's pictures, in median steps between the common numbers, from the
-        least number of all folders on.
+        """The times of a folder's pictures, in least steps between the successive numbers of a
+        folder, from the least number of all folders on.
 
         Args:
             name: the folder.
         """
-        step = statistics.median(b - a for a, b in itertools.pairwise(self.common))
-        least = min(own[0] for own in self.numbers.values())
+        every = self.numbers.values()
+        step = min(b - a for own in every for a, b in itertools.pairwise(own))
+        least = min(own[0] for own in every)
         return [(number - least) / step for number in self.numbers[name]]
 
     @property
@@ -61,49 +67,67 @@ class FrameNumbers(NamedTuple):
 def frame_numbers(folders: Mapping[str, Sequence[Path]]) -> FrameNumbers:
     """How the pictures of several folders belong together.
 
-    The number of a picture is the one in its name that differs between the pictures of its folder.
-    Pictures of one number belong together where many of the numbers are in all folders. Folders
-    of which one counts from 0 and another from 1, or whose numbers differ by a constant alone, may
-    show the same times: pictures at one place belong together then.
+    The number of a picture is the one in its name that differs between the pictures of a folder;
+    of several ones, all must agree. Pictures of one number belong together where many of the
+    numbers are in all folders. Folders of which one counts from 0 and another from 1, or whose
+    numbers differ by a constant alone, may show the same times: pictures at one place belong
+    together then.
 
     Args:
         folders: the pictures of each folder in natural order.
     """
-    keys = {name: _keys(pictures) for name, pictures in folders.items()}
+    keys = _keys(folders)
     widths = {len(key) for own in keys.values() for key in own}
-    alone = len(folders) < 2 or max(map(len, keys.values())) < _LEAST
-    if alone or len(widths) != 1 or widths == {0}:
-        return FrameNumbers([], {}, "")
+    alone = len(keys) < 2 or max(map(len, keys.values())) < _LEAST
+    if alone or not all(keys.values()) or len(widths) != 1 or widths == {0}:
+        return FrameNumbers()
     doubt = _doubt(folders, keys)
-    numbers = {name: [key[0] for key in own] for name, own in keys.items()}
-    increasing = all(a < b for own in numbers.values() for a, b in itertools.pairwise(own))
-    if widths != {1} or not increasing or _may_count_alike(list(numbers.values())):
-        return FrameNumbers([], {}, doubt)
+    increasing = all(a < b for own in keys.values() for a, b in itertools.pairwise(own))
+    if not increasing or _may_count_alike(keys.values()):
+        return FrameNumbers(doubt=doubt)
+    several = enumerate(sorted({key for own in keys.values() for key in own}))
+    value = {key: key[0] if len(key) == 1 else k for k, key in several}
+    numbers = {name: [value[key] for key in own] for name, own in keys.items()}
     common = sorted(set.intersection(*map(set, numbers.values())))
     if not _are_enough(common, list(numbers.values())):
-        return FrameNumbers([], {}, doubt)
-    return FrameNumbers(common, numbers, doubt)
+        return FrameNumbers(doubt=doubt)
+    return FrameNumbers(common, numbers, doubt, {own[0] for own in keys.values()} == _FIRSTS)
 
 
-def _keys(pictures: Sequence[Path]) -> list[tuple[int, ...]]:
-    """The numbers in the names of a folder's pictures that are not the same in all; the last one
-    if all are. Nothing where the names do not have as many numbers."""
-    found = [[int(part) for part in re.findall(r"\d+", path.stem)] for path in pictures]
-    if len({len(row) for row in found}) != 1 or not found[0]:
-        return [() for _ in found]
-    columns = list(zip(*found, strict=True))
-    varying = [column for column in columns if len(set(column)) > 1] or columns[-1:]
-    return list(zip(*varying, strict=True))
+def _keys(folders: Mapping[str, Sequence[Path]]) -> dict[str, list[_Key]]:
+    """The numbers in the names of each folder's pictures that are not the same in all pictures of
+    a folder; the last one if all are. Nothing where the names of a folder do not have as many
+    numbers."""
+    found = {
+        name: [[int(part) for part in re.findall(r"\d+", path.stem)] for path in pictures]
+        for name, pictures in folders.items()
+    }
+    if any(len({len(row) for row in rows}) > 1 for rows in found.values()):
+        return {}
+    varying = {
+        name: {k for k, column in enumerate(zip(*rows, strict=True)) if len(set(column)) > 1}
+        for name, rows in found.items()
+    }
+    if len({len(row) for rows in found.values() for row in rows}) == 1:
+        # A folder may have too few pictures to show all that varies.
+        varying = dict.fromkeys(found, set().union(*varying.values()))
+    return {
+        name: [tuple(row[k] for k in sorted(varying[name])) or tuple(row[-1:]) for row in rows]
+        for name, rows in found.items()
+    }
 
 
-def _may_count_alike(numbers: Sequence[Sequence[int]]) -> bool:
+def _may_count_alike(keys: Collection[Sequence[_Key]]) -> bool:
     """Whether the numbers of all folders are the same but for where they begin."""
-    if len({own[0] for own in numbers}) == 1:
+    firsts = {own[0] for own in keys}
+    if len(firsts) == 1:
         return False
-    if len({tuple(number - own[0] for number in own) for own in numbers}) == 1:
-        return True
-    consecutive = all(own[-1] - own[0] == len(own) - 1 for own in numbers)
-    return consecutive and {own[0] for own in numbers} == _FIRSTS
+    counted = {
+        tuple(tuple(n - first for n, first in zip(key, own[0], strict=True)) for key in own)
+        for own in keys
+    }
+    consecutive = all(own[-1][0] - own[0][0] == len(own) - 1 for own in keys)
+    return len(counted) == 1 or (consecutive and firsts == _FIRSTS)
 
 
 def _are_enough(common: Sequence[int], numbers: Sequence[Sequence[int]]) -> bool:
@@ -114,15 +138,14 @@ def _are_enough(common: Sequence[int], numbers: Sequence[Sequence[int]]) -> bool
     return len(common) >= fewest
 
 
-def _doubt(
-    folders: Mapping[str, Sequence[Path]], keys: Mapping[str, Sequence[tuple[int, ...]]]
-) -> str:
+def _doubt(folders: Mapping[str, Sequence[Path]], keys: Mapping[str, Sequence[_Key]]) -> str:
     """The first place at which two folders have pictures of different numbers."""
     one = next(iter(folders))
     for k in range(min(map(len, keys.values()))):
-        other = next((name for name in folders if keys[name][k] != keys[one][k]), None)
-        if other is not None:
-            a, b = folders[one][k].stem, folders[other][k].stem
-            where = f"{one} begins with {a} and {other} with {b}"
-            return where if not k else f"at place {k + 1} {one} has {a} and {other} {b}"
+        a = folders[one][k].stem
+        for name in folders:
+            b = folders[name][k].stem
+            if a != b and keys[name][k] != keys[one][k]:
+                where = f"{one} begins with {a} and {name} with {b}"
+                return where if not k else f"at place {k + 1} {one} has {a} and {name} {b}"
     return ""

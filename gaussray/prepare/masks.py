@@ -106,12 +106,14 @@ def _warn_of_masks_of_videos(sources: Sequence[Source]) -> None:
         place, source = next(iter(found.items()))
         inner = source.path.stem != source.name
         folder = source.path.parent if inner else source.path.with_suffix("")
+        # In the name of numbered files, ffmpeg takes %% for %.
+        frames = f"{str(folder).replace('%', '%%')}/%06d.png"
         warnings.warn(
             f"{first_of([str(path) for path in found])}: masks are not read with videos. To use "
             "masks, write the frames of each video as pictures into a folder of its camera, "
             f"`mkdir -p {quote(str(folder))} && ffmpeg -i {quote(str(source.path))} "
-            f"{quote(str(folder / '%06d.png'))}`, move the video out of the input, and call the "
-            "masks as the pictures.",
+            f"-fps_mode passthrough {quote(frames)}`, move the video out of the input, and call "
+            "the masks as the pictures.",
             CaptureWarning,
             stacklevel=3,
         )

@@ -81,7 +81,7 @@ def prepare_capture(
         remarks = [*remarks, *resized]
     sync = synchronise(sources, options.sync)
     timeline = common_timeline(sources, sync, options.frames)
-    tell_numbers(sources, sync)
+    tell_numbers(sources, timeline)
     tell_assumed_rate(sources, timeline, options.frames)
     if len(sources) == 1 and not options.frames.rate and resampled(sources, timeline):
         used, count = len(timeline.times), sources[0].count

@@ -33,12 +33,14 @@ class Timeline:
         times: seconds from the first timestamp on.
         frames: index of the frame of each camera at each timestamp.
         shifts: seconds by which that frame was exposed after its timestamp.
+        numbers: how the pictures of the folders among the cameras belong together.
     """
 
     rate: float
     times: Float[np.ndarray, " times"]
     frames: dict[str, Int[np.ndarray, " times"]]
     shifts: dict[str, Float[np.ndarray, " times"]]
+    numbers: FrameNumbers = FrameNumbers()
 
     @property
     def is_static(self) -> bool:
@@ -52,7 +54,7 @@ def common_timeline(sources: Sequence[Source], sync: Sync, options: FramesOption
     The shift of a frame against its timestamp, at most half a frame of its camera, is kept. Of a
     video that is alone, by a camera on its way, each k-th frame is used, so that they are at most
     MOST_OF_ONE. Folders of pictures alone share the numbers that all of them have
-    (`numbers_of_pictures`).
+    (`frame_numbers`); beside videos, times at which a folder lacks a picture are left out.
 
     Args:
         sources: cameras of the input; one folder of pictures alone is photographs without a time.
@@ -67,7 +69,10 @@ def common_timeline(sources: Sequence[Source], sync: Sync, options: FramesOption
         zeros = np.zeros(count)
         name = sources[0].name
         return Timeline(0.0, zeros, {name: np.arange(count)}, {name: zeros})
-    found = numbers_of_pictures(sources, sync)
+    # Whoever gives offsets, gives the times of the first pictures: their order counts.
+    given = sync.method == "known"
+    folders = [source for source in sources if not source.is_video]
+    found = frame_numbers({} if given else {s.name: s.pictures for s in folders})
     clocks = {source.name: _clock(source, sync, options, found) for source in sources}
     rates = [source.rate or options.rate or PICTURE_RATE for source in sources]
     rate = options.rate or min(rates) / _stride(sources, min(rates), options)
@@ -75,6 +80,9 @@ def common_timeline(sources: Sequence[Source], sync: Sync, options: FramesOption
         grid = clocks[sources[0].name][found.places(sources[0].name)]
     else:
         grid = _even_grid(list(clocks.values()), rates, rate)
+        half = 0.5 / (options.rate or PICTURE_RATE) + 1e-9
+        for clock in (clocks[source.name] for source in folders):
+            grid = grid[np.abs(clock[_nearest(clock, grid)] - grid) <= half]
     if not len(grid):
         spans = ", ".join(f"{n} {c[0]:.2f} to {c[-1]:.2f} s" for n, c in clocks.items())
         raise PrepareError(
@@ -92,37 +100,29 @@ def common_timeline(sources: Sequence[Source], sync: Sync, options: FramesOption
         )
     frames = {name: _nearest(clock, grid) for name, clock in clocks.items()}
     shifts = {name: clocks[name][index] - grid for name, index in frames.items()}
-    return Timeline(rate, grid - grid[0], frames, shifts)
+    return Timeline(rate, grid - grid[0], frames, shifts, found)
 
 
-def numbers_of_pictures(sources: Sequence[Source], sync: Sync) -> FrameNumbers:
-    """How the pictures of the folders among the cameras belong together (`frame_numbers`): in
-    their order, without a doubt, where the user gives the times of their first ones.
-
-    Args:
-        sources: cameras of the input.
-        sync: how their offsets were found.
-    """
-    given = sync.method == "known"
-    return frame_numbers({s.name: s.pictures for s in sources if not (s.is_video or given)})
-
-
-def tell_numbers(sources: Sequence[Source], sync: Sync) -> None:
+def tell_numbers(sources: Sequence[Source], timeline: Timeline) -> None:
     """Say that pictures go together by the numbers in their names, where their order would not do.
 
     Args:
         sources: cameras of the input.
-        sync: how their offsets were found.
+        timeline: their timestamps.
     """
-    found = numbers_of_pictures(sources, sync)
+    found = timeline.numbers
     if found.common and not found.is_order:
         a, b = [source for source in sources if not source.is_video][:2]
         pair = (f"{s.name}/{s.pictures[found.places(s.name)[0]].name}" for s in (a, b))
-        say(
+        text = (
             f"{first_of(list(found.numbers))}: pictures go together by the numbers in their names "
-            f"({' with '.join(pair)}), of which all folders have {len(found.common)}. "
-            f"sync.offsets={str([0] * len(sources)).replace(' ', '')} pairs them by their order."
+            f"({' with '.join(pair)}), of which all folders have {len(found.common)}."
         )
+        # Videos would lose their synchronisation.
+        if len(found.numbers) == len(sources):
+            offsets = str([0] * len(sources)).replace(" ", "")
+            text += f" sync.offsets={offsets} pairs them by their order."
+        say(text)
 
 
 def tell_assumed_rate(
@@ -182,11 +182,12 @@ def thinned_timeline(timeline: Timeline, stride: int) -> Timeline:
         timeline: all timestamps.
         stride: k.
     """
-    return Timeline(
-        timeline.rate / stride,
-        timeline.times[::stride],
-        {name: frames[::stride] for name, frames in timeline.frames.items()},
-        {name: shifts[::stride] for name, shifts in timeline.shifts.items()},
+    return dataclasses.replace(
+        timeline,
+        rate=timeline.rate / stride,
+        times=timeline.times[::stride],
+        frames={name: frames[::stride] for name, frames in timeline.frames.items()},
+        shifts={name: shifts[::stride] for name, shifts in timeline.shifts.items()},
     )
 
 

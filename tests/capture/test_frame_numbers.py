@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from gaussray.capture.frame_numbers import frame_numbers
+from gaussray.capture.frame_numbers import FrameNumbers, frame_numbers
 
 
 def folders(form="{:06d}.jpg", **numbers):
@@ -46,12 +46,22 @@ def test_folders_that_may_count_alike_or_share_few_numbers_go_by_their_order(b, 
 def test_a_folder_that_counts_from_one_and_lacks_pictures_is_no_other_count():
     found = frame_numbers(folders(a=range(10), b=[1, 2, 3, 5, 6, 7, 8, 9, 10]))
     assert found.common == [1, 2, 3, 5, 6, 7, 8, 9]
+    # But it may be one: that is told.
+    assert found.from_zero_and_one and found.doubt == "a begins with 000000 and b with 000001"
+    found = frame_numbers(folders(a=[*range(50), *range(51, 100)], b=range(1, 101)))
+    assert found.common and found.from_zero_and_one
+    assert not frame_numbers(folders(a=range(10), b=range(10))).from_zero_and_one
 
 
-def test_every_second_number_has_times_as_far_apart_as_all():
+def test_the_least_step_of_a_folder_is_one():
     found = frame_numbers(folders(a=range(0, 20, 2), b=range(20)))
-    assert found.common == list(range(0, 20, 2)) and found.counts("a") == list(range(10))
+    assert found.common == list(range(0, 20, 2)) and found.counts("a") == found.common
     assert found.places("b") == found.common and not found.is_order
+    third = frame_numbers(folders(a=range(90), b=range(0, 90, 3)))
+    assert third.counts("b") == list(range(0, 90, 3))
+    assert frame_numbers(folders(a=[1, 2, 10], b=[1, 2, 10])).counts("a") == [0, 1, 9]
+    even = frame_numbers(folders(a=range(0, 20, 2), b=range(0, 20, 2)))
+    assert even.counts("a") == list(range(10)) and even.is_order
 
 
 def test_nanoseconds_are_times():
@@ -74,9 +84,31 @@ def test_names_that_tell_no_number_are_no_reason_to_doubt(names):
     assert not found.common and not found.doubt
 
 
-def test_numbers_that_begin_again_go_by_their_order():
-    names = ["1_1", "1_2", "2_1", "2_2"]
-    pictures = {k: [Path(f"{n}.png") for n in names] for k in "ab"}
-    assert frame_numbers(pictures) == ([], {}, "")
-    pictures["b"][1] = Path("1_3.png")
-    assert frame_numbers(pictures).doubt == "at place 2 a has 1_2 and b 1_3"
+def named(**names):
+    return frame_numbers({k: [Path(f"{n}.png") for n in own] for k, own in names.items()})
+
+
+def test_a_folder_without_pictures_has_no_numbers():
+    assert frame_numbers(folders(a=range(5), b=[])) == FrameNumbers()
+    assert frame_numbers(folders(a=[], b=[])) == FrameNumbers()
+
+
+def test_a_single_picture_has_its_number_where_those_of_others_have_theirs():
+    found = named(a=["frame_0001_720p", "frame_0002_720p"], b=["frame_0001_720p"])
+    assert not found.doubt
+    found = named(a=["1_720p", "2_720p", "3_720p"], b=["2_720p", "3_720p"], c=["3_720p"])
+    assert found.doubt == "a begins with 1_720p and b with 2_720p"
+
+
+def test_of_several_numbers_all_must_agree():
+    same = ["1_1", "1_2", "2_1", "2_2"]
+    assert named(a=same, b=same).is_order
+    found = named(a=same, b=["1_1", "1_3", "2_1", "2_2"])
+    assert found.common == [0, 3, 4] and found.doubt == "at place 2 a has 1_2 and b 1_3"
+    assert found.counts("b") == [0, 2, 3, 4] and found.places("b") == [0, 2, 3]
+    times = [f"{1690000000 + n // 10}.{n % 10}0" for n in range(30)]
+    found = named(a=times[:5] + times[6:], b=times[1:4], c=times)
+    assert found.common == [1, 2, 3] and not found.from_zero_and_one
+    # One folder counts from 0, another from 1.
+    assert not named(a=same, b=["1_2", "1_3", "2_2", "2_3"]).common
+    assert not named(a=["2_1", "1_1"], b=["2_1", "1_1"]).common

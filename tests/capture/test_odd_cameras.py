@@ -32,3 +32,24 @@ def test_a_pair_that_fits_by_chance_with_fewer_matches_excuses_no_camera():
     pairs = {("a", "b"): JudgedPair(50, True), ("b", "c"): JudgedPair(50, True)}
     pairs |= {("a", "d"): JudgedPair(50, False), ("b", "d"): JudgedPair(60, False)}
     assert odd_cameras(pairs | {("c", "d"): JudgedPair(30, True)}) == ["d"]
+
+
+def judged(**pairs):
+    """Matches of pairs written as two letters, negative where they do not fit."""
+    return {(a, b): JudgedPair(abs(n), n > 0) for (a, b), n in pairs.items()}
+
+
+def test_one_pair_alone_accuses_only_with_many_matches_and_where_the_other_camera_fits():
+    assert odd_cameras(judged(ab=-200, bc=50, ad=60, cd=50), alone=100) == []
+    assert odd_cameras(judged(ab=-200, bc=50, ad=60, cd=50)) == []
+    assert odd_cameras(judged(ab=1000, ac=-30), alone=100) == []
+    assert odd_cameras(judged(ab=1000, ac=-30)) == ["c"]
+    assert odd_cameras(judged(ab=1000, ac=-150), alone=100) == ["c"]
+    assert odd_cameras(judged(ab=91, ad=31, bd=64, cd=-105), alone=100) == ["c"]
+
+
+def test_a_pair_of_few_matches_that_accuses_nobody_acquits_nobody():
+    pairs = judged(ab=90, bc=90, ae=90, ad=-90, bd=-90, ef=-30)
+    assert odd_cameras(pairs, alone=100) == ["d"]
+    assert odd_cameras(pairs | judged(ef=-150), alone=100) == ["d", "f"]
+    assert odd_cameras(judged(ab=-50, bc=-50, ca=-50, de=50), alone=100) == []

@@ -7,6 +7,7 @@ import pytest
 
 from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.findings.clocks import sync_findings
+from gaussray.prepare.findings.numbered_frames import numbered_frames_findings
 from gaussray.prepare.options import FramesOptions, SyncOptions
 from gaussray.prepare.sources import Source
 from gaussray.prepare.sync import Sync
@@ -140,14 +141,14 @@ def test_pictures_of_one_number_have_one_time(capsys):
     assert all(not own.any() for own in line.shifts.values())
     part = common_timeline(sources, together(sources), FramesOptions(rate=2.0, span=(1.5, 2.0)))
     assert part.times == pytest.approx([0, 0.5]) and part.frames["c"].tolist() == [3, 4]
-    tell_numbers(sources, together(sources))
+    tell_numbers(sources, part)
     said = capsys.readouterr().out
     assert "(a/000004.jpg with b/000004.jpg), of which all folders have 4. sync.offs" in said
     # Whoever gives offsets, gives the times of the first pictures.
     line = common_timeline(sources, sync(a=0.0, b=0.0, c=0.0), FramesOptions())
     assert line.frames["c"].tolist() == list(range(10))
-    tell_numbers(sources, sync(a=0.0, b=0.0, c=0.0))
-    tell_numbers(sources[:1] * 2, together(sources))
+    tell_numbers(sources, line)
+    tell_numbers(sources[:1], common_timeline(sources[:1], together(sources), FramesOptions()))
     assert not capsys.readouterr().out
 
 
@@ -157,12 +158,40 @@ def test_folders_that_may_count_alike_are_paired_by_their_order():
     assert line.frames["a"].tolist() == line.frames["b"].tolist() == list(range(10))
 
 
-def test_a_missing_picture_beside_a_video_leaves_its_time_out_of_no_clock():
+def test_times_at_which_a_folder_beside_a_video_lacks_a_picture_are_left_out(capsys):
     sources = [video("v", 30, 10), folder("a", [0, 1, 2, 3, 6, 7, 8, 9]), folder("b", range(10))]
     line = common_timeline(sources, together(sources), FramesOptions())
-    assert line.frames["v"].tolist() == line.frames["b"].tolist() == list(range(10))
-    assert line.frames["a"].tolist() == [0, 1, 2, 3, 3, 4, 4, 5, 6, 7]
-    assert line.shifts["a"] * 30 == pytest.approx([0, 0, 0, 0, -1, 1, 0, 0, 0, 0])
+    assert line.frames["v"].tolist() == line.frames["b"].tolist() == [0, 1, 2, 3, 6, 7, 8, 9]
+    assert line.frames["a"].tolist() == list(range(8))
+    assert all(own == pytest.approx(0, abs=1e-9) for own in line.shifts.values())
+    (warned,) = numbered_frames_findings(sources, line)
+    assert warned.text == (
+        "pictures that are not used: 2 of b; all folders have 8 of the numbers in their names, and "
+        "8 times are used"
+    )
+    # Offsets of zero would switch off the synchronisation of videos.
+    tell_numbers(sources, line)
+    assert capsys.readouterr().out.endswith("of which all folders have 8.\n")
+
+
+def test_a_long_gap_beside_a_video_repeats_no_picture():
+    lacking = [*range(1, 40), *range(61, 101)]
+    sources = [folder("a", lacking), folder("b", range(1, 101)), video("v", 30, 100)]
+    line = common_timeline(sources, together(sources), FramesOptions())
+    assert line.frames["a"].tolist() == list(range(79))
+    assert all(np.abs(own).max() <= 0.5 / 30 + 1e-9 for own in line.shifts.values())
+    assert "not used: 21 of b;" in numbered_frames_findings(sources, line)[0].text
+
+
+def test_that_one_folder_begins_with_zero_and_another_with_one_is_told_though_numbers_count():
+    sources = [folder("a", [*range(50), *range(51, 100)]), folder("b", range(1, 101))]
+    line = common_timeline(sources, together(sources), FramesOptions())
+    assert line.frames["a"][0] == 1 and line.frames["b"][0] == 0
+    doubt, unused = numbered_frames_findings(sources, line)
+    assert doubt.text.endswith("another with 1: a begins with 000000 and b with 000001")
+    assert "1 of a, 2 of b" in unused.text
+    given = common_timeline(sources, sync(a=0.0, b=0.0), FramesOptions())
+    assert not any("begins" in one.text for one in numbered_frames_findings(sources, given))
 
 
 def test_the_first_timestamp_is_none_before_a_late_camera():

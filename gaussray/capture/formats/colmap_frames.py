@@ -27,6 +27,12 @@ def frames_together(
             "the pictures of the cameras go together by the numbers in their names, of which "
             f"all have {len(found.common)}" + f"; left out are {listed}." * bool(listed)
         )
+        if found.from_zero_and_one:
+            Keys(folder, {}).warn(
+                "pictures of one number are taken to be of one time, but pictures at one place may "
+                f"be, as one folder begins with 0 and another with 1: {found.doubt}. If they are, "
+                "number the pictures of all folders from the same number on."
+            )
         name = next(iter(frames))
         counts = [found.counts(name)[k] for k in found.places(name)]
         times = [(count - counts[0]) / (counts[-1] - counts[0] + 1) for count in counts]

@@ -125,9 +125,12 @@ def opencv_camera(
     order = ("k1", "k2", "k3", "k4") if fisheye else OPENCV_ORDER
     if len(distortion) > len(order):
         if np.any(distortion[len(order) :]):
+            remedy = "Calibrate without thin prism and tilt."
+            if fisheye:
+                remedy = "OpenCV's fisheye has k1 to k4: correct its model or its coefficients."
             raise PrepareError(
                 f"{where}: camera {name} must have at most {len(order)} distortion coefficients, "
-                f"got {len(distortion)}. Calibrate without thin prism and tilt."
+                f"got {len(distortion)}. {remedy}"
             )
         distortion = distortion[: len(order)]
     coefficients = dict(zip(order, map(float, distortion), strict=False))

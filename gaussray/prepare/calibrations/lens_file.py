@@ -15,10 +15,14 @@ from gaussray.prepare.calibrations.lens_values import (
     lens_of_values,
 )
 from gaussray.prepare.calibrations.nerfstudio import frame_lens, read_nerfstudio
-from gaussray.prepare.calibrations.opencv_json import CAMERA_NAME_KEYS, said_name
+from gaussray.prepare.calibrations.opencv_json import (
+    CAMERA_NAME_KEYS,
+    common_values,
+    said_name,
+    with_common,
+)
 from gaussray.prepare.calibrations.opencv_storage import is_storage, storage_values
 from gaussray.prepare.calibrations.opencv_yaml import read_opencv_yaml
-from gaussray.prepare.calibrations.picture_sizes import sizes_in
 from gaussray.prepare.calibrations.read import read_calibration
 from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.lens_models import LensKeyValues
@@ -89,7 +93,8 @@ def _lenses(
         if has_camera_matrix(content):
             return {path.stem: lens_of_values(str(path), content, name=path.name)}
         if isinstance(content.get("cameras"), Mapping | list):
-            return _lenses(path, content["cameras"], sizes_in(content))
+            return _lenses(path, content["cameras"], common_values(content))
+        common = {**(common or {}), **common_values(content)}
         blocks = [(str(key), value) for key, value in content.items()]
     else:
         blocks = [(str(number), value) for number, value in enumerate(content)]
@@ -107,7 +112,7 @@ def _lenses(
             raise PrepareError(
                 f"{path}: each camera must have a name of its own, got {name} twice. Change one."
             )
-        own = block if sizes_in(block) else {**(common or {}), **block}
+        own = with_common(block, common or {})
         result[name] = lens_of_values(f"{path}, camera {name}", own)
     return result
 

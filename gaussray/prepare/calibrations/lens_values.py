@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gaussray.prepare.calibrations.known_camera import opencv_camera, refuse_distortion
+from gaussray.prepare.calibrations.lens_labels import DISTORTION_MODELS, is_fisheye
 from gaussray.prepare.calibrations.opencv_numbers import DISTORTION_COUNTS, finite_numbers
 from gaussray.prepare.calibrations.picture_sizes import sides_in
 from gaussray.prepare.calibrations.value_names import VALUE_NAMES, plain_key
@@ -18,15 +19,6 @@ from gaussray.prepare.lens_models import LensKeyValues
 # How many numbers the values of one camera may have: of a matrix, Kalibr and EuRoC write its focal
 # lengths and principal point alone.
 _COUNTS = {"matrix": (9, 4), "distortion": DISTORTION_COUNTS, "size": (2,)}
-# Names of models (ROS, Kalibr, EuRoC), as plain keys: OpenCV's, and its fisheye.
-_PLAIN = ("", "none", "radtan", "radialtangential", "plumbbob", "rationalpolynomial", "opencv")
-_FISHEYE = ("equidistant", "equi", "fisheye", "opencvfisheye", "kannalabrandt", "kannalabrandt4")
-_CAMERAS = ("", "pinhole", *_PLAIN, *_FISHEYE)
-# Keys that say so otherwise: Pose2Sim, OpenCV's sample.
-_SAYS_FISHEYE = ("fisheye", "fisheyemodel")
-_NO_DISTORTION = ("distortionmodel", "distortionmodels")
-
-
 # Keys of distortion that is not one list of OpenCV's coefficients.
 _APART = re.compile(r"k[1-6]|p[12]|radial.*|tangential.*|.*coef.*")
 
@@ -54,7 +46,7 @@ def lens_of_values(where: str, values: Mapping[str, Any], *, name: str = "") -> 
         fx, fy, cx, cy = matrix
         matrix = np.array([fx, 0, cx, 0, fy, cy, 0, 0, 1])
     distortion = _found(where, values, "distortion")
-    read = {*VALUE_NAMES["distortion"], *_NO_DISTORTION}
+    read = {*VALUE_NAMES["distortion"], *DISTORTION_MODELS}
     others = {key: value for key, value in values.items() if plain_key(key) not in read}
     refuse_distortion(where, name, [*others])
     apart = [
@@ -67,7 +59,7 @@ def lens_of_values(where: str, values: Mapping[str, Any], *, name: str = "") -> 
             f"{where}: distortion must be one list of OpenCV's coefficients (dist: [k1, k2, p1, "
             f"p2]), got {', '.join(map(str, apart))}. Write it so, with zeros for what is missing."
         )
-    fisheye = _is_fisheye(where, values) or ("fisheye" in name.lower() and len(distortion) == 4)
+    fisheye = is_fisheye(where, values) or ("fisheye" in name.lower() and len(distortion) == 4)
     said = _found(where, values, "size")
     size = said if len(said) else sides_in(values)
     camera = opencv_camera(
@@ -98,7 +90,8 @@ def _found(
             numbers = finite_numbers(value, _COUNTS[what])
             found[str(key)] = numbers
         except ValueError as error:
-            absent = value is None or _count(value) == 0 or (_is_text(value) and value == "null")
+            absent = value is None or value is False or _count(value) == 0
+            absent = absent or (isinstance(value, str) and value in ("", "null"))
             complaint = complaint or ("" if absent else f"{where}: {key} {error}")
     if told and not found and complaint:
         raise PrepareError(f"{complaint}. Correct or remove it.")
@@ -112,31 +105,9 @@ def _found(
     return next(iter(found.values()), np.zeros(0))
 
 
-def _is_fisheye(where: str, values: Mapping[str, Any]) -> bool:
-    models = {plain_key(key): plain_key(value) for key, value in values.items() if _is_text(value)}
-    distortion, camera = models.get("distortionmodel", ""), models.get("cameramodel", "")
-    if distortion not in (*_PLAIN, *_FISHEYE) or camera not in _CAMERAS:
-        raise PrepareError(
-            f"{where}: must be a pinhole with OpenCV's distortion (radtan, plumb_bob, "
-            f"rational_polynomial) or its fisheye (equidistant), got {camera or 'pinhole'} with "
-            f"{distortion or 'none'}. Calibrate it with one of these models."
-        )
-    says = (value for key, value in values.items() if plain_key(key) in _SAYS_FISHEYE)
-    said = any(_count(value) == 1 and _is_true(value) for value in says)
-    return said or distortion in _FISHEYE or camera in _FISHEYE
-
-
 def _count(value: Any) -> int:
     """How many numbers a value has; lists of unlike lengths count as several."""
     try:
         return int(np.size(value))
     except ValueError:
         return len(value)
-
-
-def _is_text(value: Any) -> bool:
-    return isinstance(value, str)
-
-
-def _is_true(value: Any) -> bool:
-    return not _is_text(value) and bool(np.all(value))

@@ -13,6 +13,7 @@ from gaussray.prepare.calibrations.known_camera import (
     opencv_camera,
     refuse_distortion,
 )
+from gaussray.prepare.calibrations.lens_labels import DISTORTION_MODELS, is_fisheye, labels_in
 from gaussray.prepare.calibrations.opencv_pose import (
     NO_POSE,
     POSE_REMEDY,
@@ -21,7 +22,7 @@ from gaussray.prepare.calibrations.opencv_pose import (
     say_poses,
     world_to_camera,
 )
-from gaussray.prepare.calibrations.picture_sizes import sides_in, sizes_in
+from gaussray.prepare.calibrations.picture_sizes import SMALLEST, sides_in, sizes_in
 from gaussray.prepare.calibrations.value_names import VALUE_NAMES, plain_key
 from gaussray.prepare.errors import PrepareError
 
@@ -29,8 +30,8 @@ from gaussray.prepare.errors import PrepareError
 # Keys of a list's cameras that hold their names.
 CAMERA_NAME_KEYS = ("name", "camera", "cam", "id", "camera_id", "serial")
 
-# Keys that beside cameras may be of a chessboard.
-_ANY_SIZE = ("size", "width", "height", "w", "h")
+# Keys that beside cameras are of a chessboard if their numbers are small.
+_PLAIN_SIDES = ("width", "height", "w", "h")
 
 
 def is_opencv_camera(content: Any) -> bool:
@@ -55,13 +56,13 @@ def opencv_cameras(path: Path, content: Any) -> Calibration | None:
     """
     if is_opencv_camera(content):
         refuse_single_camera(path)
-    sizes = _common_sizes(content)
+    common = common_values(content)
     if isinstance(content, dict) and isinstance(content.get("cameras"), dict | list):
         content = content["cameras"]
     if _has_matrix(content):
         raise PrepareError(f"{path}: the camera {NO_POSE}{_keys_of(content)}. {POSE_REMEDY}")
     listed = _listed(path, content) or _by_camera(content)
-    listed = {key: one if sizes_in(one) else {**sizes, **one} for key, one in listed.items()}
+    listed = {key: with_common(one, common) for key, one in listed.items()}
     found = {name: one for name, one in listed.items() if is_opencv_camera(one)}
     left_out = {name: NO_POSE for name in listed if name not in found}
     if left_out and not found:
@@ -110,10 +111,35 @@ def _listed(path: Path, content: Any) -> dict[str, dict[str, Any]]:
     return result
 
 
-def _common_sizes(content: Any) -> dict[str, Any]:
-    """The size of all cameras' pictures, beside them in a file."""
-    sizes = sizes_in(content) if isinstance(content, dict) else {}
-    return {key: value for key, value in sizes.items() if plain_key(key) not in _ANY_SIZE}
+def common_values(content: Any) -> dict[str, Any]:
+    """What a file says beside its cameras of all: the size of pictures and the lens's model. A
+    plain `size`, or `width` and `height`, of small numbers is a chessboard's, and not of these."""
+    if not isinstance(content, Mapping):
+        return {}
+    sizes, labels = sizes_in(content), labels_in(content)
+    labels = {key: value for key, value in labels.items() if not isinstance(value, Mapping)}
+    plain = ("size", *_PLAIN_SIDES)
+    named = {key: value for key, value in sizes.items() if plain_key(key) not in plain}
+    if named:
+        return {**labels, **named}
+    for keys in (("size",), _PLAIN_SIDES):
+        some = {key: value for key, value in sizes.items() if plain_key(key) in keys}
+        found = numbers_under(some, VALUE_NAMES["size"], (2,))
+        if min(sides_in(some) if found is None else found[1]) >= SMALLEST:
+            return {**labels, **some}
+    return labels
+
+
+def with_common(camera: Mapping[str, Any], common: Mapping[str, Any]) -> dict[str, Any]:
+    """The values of a camera, and those of all cameras where it has none of its own.
+
+    Args:
+        camera: the camera's values by key.
+        common: values of all (`common_values`).
+    """
+    own = {**sizes_in(camera), **labels_in(camera)}
+    kinds = [names for names in (sizes_in, labels_in) if not names(own)]
+    return {**{key: value for names in kinds for key, value in names(common).items()}, **camera}
 
 
 def _by_camera(content: Any) -> dict[str, dict[str, Any]]:
@@ -144,7 +170,8 @@ def read_opencv_camera(path: Path, name: object, content: Mapping[str, Any]) -> 
     """
     matrix, pose = numbers_under(content, VALUE_NAMES["matrix"], (9,)), found_pose(content)
     assert matrix is not None and pose is not None
-    unread = [key for key in content if plain_key(key) not in VALUE_NAMES["distortion"]]
+    read = {*VALUE_NAMES["distortion"], *DISTORTION_MODELS}
+    unread = [key for key in content if plain_key(key) not in read]
     refuse_distortion(path, name, unread)
     return opencv_camera(
         path,
@@ -153,6 +180,7 @@ def read_opencv_camera(path: Path, name: object, content: Mapping[str, Any]) -> 
         _distortion(path, name, content),
         world_to_camera(path, name, pose),
         _size(path, name, content),
+        fisheye=is_fisheye(f"{path}, camera {name}", content),
     )
 
 
@@ -161,9 +189,10 @@ def _distortion(path: Path, name: object, content: Mapping[str, Any]) -> np.ndar
     for key, value in content.items():
         if plain_key(key) not in VALUE_NAMES["distortion"]:
             continue
-        empty = value is None or (isinstance(value, str | list) and not value)
+        flag = isinstance(value, bool | np.bool_)
+        empty = value is None or ((flag or isinstance(value, str | list | dict)) and not value)
         try:
-            numbers = np.array([] if empty else value, np.float64).ravel()
+            numbers = np.array([] if empty else "" if flag else value, np.float64).ravel()
         except (ValueError, TypeError, OverflowError):
             numbers = np.array([np.nan])
         if not np.isfinite(numbers).all():

@@ -13,8 +13,8 @@ from gaussray.prepare.errors import PrepareError
 from gaussray.runtime.progress import say
 
 
-_ROTATION = (*VALUE_NAMES["rotation"], "rotationvalues", "rvec", "rvecs", "rotationvector")
-_TRANSLATION = (*VALUE_NAMES["translation"], "translationvalues", "tvecs")
+_ROTATION = (*VALUE_NAMES["rotation"], "rotationvalues", "rvec", "rotationvector")
+_TRANSLATION = (*VALUE_NAMES["translation"], "translationvalues")
 # Names of one matrix [R | t], with or without a last row 0 0 0 1. OpenPose calls it CameraMatrix.
 _WORLD_TO_CAMERA = (
     *("rt", "extrinsic", "extrinsics", "extrinsicmatrix", "extrinsicsmatrix", "w2c"),
@@ -92,10 +92,11 @@ def world_to_camera(where: object, name: object, pose: FoundPose) -> Float[np.nd
     """
     matrix = pose.numbers.reshape(-1, 4)
     if len(matrix) == 4 and np.abs(matrix[3] - (0, 0, 0, 1)).max() > 1e-6:
+        transposed = np.abs(matrix[:, 3] - (0, 0, 0, 1)).max() <= 1e-6
         raise PrepareError(
             f"{where}: {pose.keys} of camera {name} must end with the row 0 0 0 1, got "
-            f"{matrix[3].tolist()}. Is it transposed? Write it row by row, with t as its last "
-            "column."
+            f"{matrix[3].tolist()}. {'Is it transposed? ' if transposed else ''}Write it row by "
+            "row, with t as its last column."
         )
     turn, shift = matrix[:3, :3], matrix[:3, 3]
     if not pose.inverse:

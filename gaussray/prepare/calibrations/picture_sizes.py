@@ -7,6 +7,8 @@ from gaussray.prepare.calibrations.opencv_numbers import finite_numbers
 from gaussray.prepare.calibrations.value_names import VALUE_NAMES, plain_key
 
 
+# Fewer columns or rows have no pictures of calibrations.
+SMALLEST = 64
 _SIDES = ("width", "height")
 
 

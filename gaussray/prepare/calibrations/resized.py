@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from gaussray.prepare.calibrations.picture_sizes import SMALLEST
 from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.findings.finding import Finding
 from gaussray.prepare.lens_models import LensKeyValues
@@ -12,11 +13,16 @@ from gaussray.prepare.lens_models import LensKeyValues
 _MARGIN = 16
 # Quotients of width and height may differ by this share.
 _SHAPE = 5e-3
-# Principal points of lenses of unknown size are told of if twice their column is outside these
-# shares of the pictures' width.
+# Principal points of lenses of unknown size are told of if twice their column or row is outside
+# these shares of the pictures' width or height.
 _MIDDLE = (0.7, 1.4)
-# Fewer columns or rows have no pictures of calibrations.
-_SMALLEST = 64
+# Both shares say one size of the calibration if they differ by at most this part of the larger.
+_ALIKE = 0.1
+# More columns or rows have no pictures.
+_LARGEST = 100_000
+_GIVE_SIZE = (
+    "Give its size: image_size=[columns, rows] in its file, or size in a .toml (docs/prepare.md)."
+)
 _CROPPED = (
     "Check that the pictures show all that those of the calibration showed, not a part of it."
 )
@@ -72,14 +78,16 @@ def _off_middle(
 ) -> Finding | None:
     """A warning if a lens of unknown size may be of another one."""
     shares = 2 * lens["cx"] / size[0], 2 * lens["cy"] / size[1]
-    if _MIDDLE[0] <= shares[0] <= _MIDDLE[1]:
+    if all(_MIDDLE[0] <= share <= _MIDDLE[1] for share in shares):
         return None
     text = (
         f"{camera}: the calibration ({key}) says no size of its pictures, and its principal point "
-        f"is at {lens['cx']:.0f} of {size[0]} columns"
+        f"is at {lens['cx']:.0f} of {size[0]} columns and {lens['cy']:.0f} of {size[1]} rows"
     )
     sides = [round(round(share, 2) * side) for share, side in zip(shares, size, strict=True)]
-    remedy = "Are all numbers in pixels? Give the size of the pictures of the calibration."
-    if min(sides) >= _SMALLEST:
-        remedy = f"Was it calibrated at {sides[0]} x {sides[1]}? Give the size."
-    return Finding("warn", "lens", text, remedy)
+    alike = abs(shares[0] - shares[1]) <= _ALIKE * max(shares)
+    if alike and min(sides) >= SMALLEST and max(sides) <= _LARGEST:
+        remedy = f"Was it calibrated at {sides[0]} x {sides[1]}?"
+    else:
+        remedy = "Are all numbers in pixels?"
+    return Finding("warn", "lens", text, f"{remedy} {_GIVE_SIZE}")

@@ -7,13 +7,20 @@ from typing import Any
 import numpy as np
 
 from gaussray.prepare.calibrations.known_camera import Calibration
+from gaussray.prepare.calibrations.lens_labels import LABELS, labels_in
 from gaussray.prepare.calibrations.opencv_json import opencv_cameras
 from gaussray.prepare.calibrations.value_names import VALUE_NAMES, plain_key
 from gaussray.prepare.errors import PrepareError
+from gaussray.runtime.progress import say
 
 
 # Names of the array of the cameras' names.
 _NAMES = ("names", "cameras", "cameranames", "camnames", "cams", "ids", "cameraids", "serials")
+# Names of arrays of one number or text for each camera.
+_SINGLE = (*VALUE_NAMES["width"], *VALUE_NAMES["height"], *LABELS)
+# Names of poses that are of cameras in these files alone: cv2.calibrateCamera calls so the poses
+# of its views of one camera.
+_POSES = {"rvecs": "rvec", "tvecs": "tvec"}
 _REMEDY = (
     "Save them with it, in the order of the arrays: numpy.savez(FILE, names=['cam1', 'cam2'], "
     "K=K, R=R, T=T, dist=dist)."
@@ -31,8 +38,8 @@ def camera_stack(values: Mapping[str, np.ndarray]) -> str | None:
 
 
 def stacked_cameras(path: Path, values: Mapping[str, np.ndarray]) -> Calibration:
-    """The cameras of a file whose arrays have one entry of several numbers for each; other arrays
-    count for all.
+    """The cameras of a file whose arrays have one entry for each; other arrays count for all. They
+    are fisheyes if the file says so, or has `fisheye` in its name and four distortion coefficients.
 
     Args:
         path: the file, for messages.
@@ -44,6 +51,7 @@ def stacked_cameras(path: Path, values: Mapping[str, np.ndarray]) -> Calibration
     key = camera_stack(values)
     assert key is not None
     count = len(values[key])
+    values = {key: _decoded(value) for key, value in values.items()}
     names = next((values[key] for key in values if plain_key(key) in _NAMES), np.zeros(0))
     if names.shape != (count,) or names.dtype.kind not in "iuU":
         raise PrepareError(
@@ -56,16 +64,46 @@ def stacked_cameras(path: Path, values: Mapping[str, np.ndarray]) -> Calibration
             f"{str(values[key].tolist())[:80]}. Calibrate it again."
         )
     arrays = {
-        key: value for key, value in values.items() if value.ndim and plain_key(key) not in _NAMES
+        key: value
+        for key, value in values.items()
+        if plain_key(key) in _SINGLE or (value.ndim and plain_key(key) not in _NAMES)
     }
-    parts: list[dict[str, Any]] = [
-        {
-            key: one[k] if len(one) == count and one[0].size > 1 else one
-            for key, one in arrays.items()
-        }
-        for k in range(count)
-    ]
+    for key in [key for key in arrays if plain_key(key) in _POSES]:
+        arrays.setdefault(_POSES[plain_key(key)], arrays.pop(key))
+    _check_single(path, arrays, count)
+    parts = [{key: _own(key, one, k, count) for key, one in arrays.items()} for k in range(count)]
+    if "fisheye" in path.name.lower() and not labels_in(arrays) and _has_four(parts[0]):
+        say(f"{path}: four distortion coefficients are taken as OpenCV's fisheye model.")
+        parts = [{**part, "fisheye": True} for part in parts]
     listed = [{"name": str(name), **one} for name, one in zip(names, parts, strict=True)]
     cameras = opencv_cameras(path, listed)
     assert cameras is not None
     return cameras
+
+
+def _decoded(value: np.ndarray) -> np.ndarray:
+    """An array, as text if it is of bytes."""
+    return np.char.decode(value, "utf-8", "replace") if value.dtype.kind == "S" else value
+
+
+def _check_single(path: Path, arrays: Mapping[str, np.ndarray], count: int) -> None:
+    """Refuse numbers and texts of single cameras that are neither one for all nor one for each."""
+    for key, value in arrays.items():
+        if plain_key(key) in _SINGLE and value.size not in (1, count):
+            raise PrepareError(
+                f"{path}: {key} must be one value, or one for each of the {count} cameras, got "
+                f"{value.size}. Correct or remove it."
+            )
+
+
+def _own(key: str, value: np.ndarray, k: int, count: int) -> Any:
+    """The entry of camera `k` in an array that has one for each camera; else all of it."""
+    if plain_key(key) in _SINGLE:
+        return value.ravel()[k if value.size == count else 0].item()
+    return value[k] if len(value) == count and value[0].size > 1 else value
+
+
+def _has_four(camera: Mapping[str, Any]) -> bool:
+    """Whether a camera has four distortion coefficients."""
+    found = [value for key, value in camera.items() if plain_key(key) in VALUE_NAMES["distortion"]]
+    return any(np.size(value) == 4 for value in found)

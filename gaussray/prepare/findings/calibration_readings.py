@@ -1,14 +1,18 @@
 """How else a calibration may have to be read, where matches contradict it as it is."""
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import combinations
 
 import numpy as np
 from jaxtyping import Float
 
 from gaussray.geometry import BLENDER_AXES
-from gaussray.prepare.findings.pair_distances import pair_distances, typical_distance
+from gaussray.prepare.findings.pair_distances import (
+    PairDistance,
+    pair_distances,
+    typical_distance,
+)
 from gaussray.prepare.lens_models import LensKeyValues
 from gaussray.prepare.placed_cameras import picture_name
 from gaussray.prepare.poses import Placement
@@ -17,6 +21,8 @@ from gaussray.prepare.sparse_model import SparseModel
 
 # A reading explains the matches if it leaves at most so large a part of their distances.
 _FAR_BETTER = 1 / 3
+# It must leave so large a share of their matches: with a wrong lens or pose many have no ray.
+_KEPT = 0.8
 # Readings are named, at most so many, if they leave at most so many times the least distance.
 _AS_GOOD, _NAMED = 1.5, 3
 # Exchanges are tried among at most so many pictures.
@@ -45,6 +51,10 @@ def better_reading(
         again = [pair for pair in pairs if changed.intersection(pair)]
         rest = {pair: known[pair] for pair in known.keys() - set(again)}
         found = pair_distances(dataclasses.replace(placement, model=model), again)
+        if _matches(found.values()) < _KEPT * _matches(
+            known[pair] for pair in known.keys() & again
+        ):
+            continue
         distance = typical_distance((rest | found).values())
         if distance < most:
             fitting.append((distance, text))
@@ -54,6 +64,11 @@ def better_reading(
     # Cameras that stand symmetrically fit in several ways.
     texts = [text for distance, text in sorted(fitting) if distance <= _AS_GOOD * best]
     return f"fit ({best:.1f} pixels) if {', or if '.join(texts[:_NAMED])}"
+
+
+def _matches(distances: Iterable[PairDistance]) -> int:
+    """Number of matches of all pairs."""
+    return sum(pair.matches for pair in distances)
 
 
 def _readings(

@@ -64,4 +64,4 @@ def sync_findings(
                 "Record all cameras at one rate to use all their frames.",
             )
         )
-    return findings + numbered_frames_findings(sources, sync, timeline)
+    return findings + numbered_frames_findings(sources, timeline)

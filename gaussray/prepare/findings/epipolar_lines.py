@@ -8,7 +8,12 @@ from gaussray.capture.odd_cameras import JudgedPair, odd_cameras
 from gaussray.prepare.epipolar import EpipolarPair
 from gaussray.prepare.findings.calibration_readings import better_reading
 from gaussray.prepare.findings.finding import Finding
-from gaussray.prepare.findings.pair_distances import PairDistance, pair_distances, telling_pairs
+from gaussray.prepare.findings.pair_distances import (
+    EVIDENCE,
+    PairDistance,
+    pair_distances,
+    telling_pairs,
+)
 from gaussray.prepare.placed_cameras import picture_name
 from gaussray.prepare.poses import Placement
 
@@ -16,8 +21,9 @@ from gaussray.prepare.poses import Placement
 # Pixels, for each 1000 pixels of width, above which epipolar errors are doubtful or, with known
 # cameras, show another calibration.
 DOUBTFUL_LINES, WRONG_LINES = 3.0, 25.0
-# Matches of a pair that prove something: wide baselines give some twenty that are all wrong.
-EVIDENCE = 40
+# Matches with which one pair alone shows that a camera is wrong: repeated textures give some dozens
+# that are all wrong.
+_ALONE = 100
 # A pair contradicts others if it is so many times as far off as these, and so many pixels.
 _FARTHER, _LEAST = 3.0, 1.0
 # Pairs of a camera that are listed, at most.
@@ -98,7 +104,7 @@ def _contradicting(
     judged = {
         files: JudgedPair(pair.matches, pair.median <= limit) for files, pair in distances.items()
     }
-    odd = sorted(odd_cameras(judged), key=placement.model.pictures.index)
+    odd = sorted(odd_cameras(judged, alone=_ALONE), key=placement.model.pictures.index)
     texts = []
     for file in odd:
         off = {b if a == file else a: distances[a, b].median
@@ -109,5 +115,8 @@ def _contradicting(
         texts.append(f"{name}: {', '.join(listed).replace(' with', ' pixels with', 1)}")
     if not odd:
         return [], ""
-    rest = max(pair.median for files, pair in distances.items() if not set(odd) & set(files))
-    return odd, f"{'; '.join(texts)}; those of all other pairs are at most {rest:.2g} pixels off"
+    others = [files for files in judged if not set(odd) & set(files)]
+    rest = max(distances[files].median for files in others if judged[files].fits)
+    which = "all" if all(judged[files].fits for files in others) else "most"
+    text = f"those of {which} other pairs are at most {rest:.2g} pixels off"
+    return odd, f"{'; '.join(texts)}; {text}"

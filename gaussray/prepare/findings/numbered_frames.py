@@ -6,22 +6,18 @@ import numpy as np
 
 from gaussray.prepare.findings.finding import Finding
 from gaussray.prepare.sources import Source
-from gaussray.prepare.sync import Sync
-from gaussray.prepare.timeline import Timeline, numbers_of_pictures
+from gaussray.prepare.timeline import Timeline
 
 
-def numbered_frames_findings(
-    sources: Sequence[Source], sync: Sync, timeline: Timeline
-) -> list[Finding]:
-    """Pictures that are not used, and names that speak against pictures at one place.
+def numbered_frames_findings(sources: Sequence[Source], timeline: Timeline) -> list[Finding]:
+    """Pictures that are not used, and names that leave it open which pictures belong together.
 
     Args:
         sources: cameras of the input.
-        sync: how their offsets were found.
         timeline: the pictures that are used.
     """
     folders = [source for source in sources if not source.is_video]
-    found, findings = numbers_of_pictures(sources, sync), []
+    found, findings = timeline.numbers, []
     if found.doubt and not found.common:
         findings.append(
             Finding(
@@ -32,13 +28,27 @@ def numbered_frames_findings(
                 "If they are not, call pictures of one time alike in all folders.",
             )
         )
+    if found.from_zero_and_one:
+        findings.append(
+            Finding(
+                "warn",
+                "sync",
+                "pictures of one number are taken to be of one time, but pictures at one place "
+                f"may be, as one folder begins with 0 and another with 1: {found.doubt}",
+                "If they are, number the pictures of all folders from the same number on.",
+            )
+        )
     remedy = "Photographs of a still scene belong in one folder, whatever their sizes."
+    left = {s.name: s.count - len(np.unique(timeline.frames[s.name])) for s in folders}
     if found.common and not found.is_order:
         count = len(found.common)
-        left = {name: len(own) - count for name, own in found.numbers.items()}
         why = f"all folders have {count} of the numbers in their names"
+        if len(folders) == len(sources):
+            # Others are the user's own choice of times.
+            left = {name: len(own) - count for name, own in found.numbers.items()}
+        else:
+            why += f", and {len(timeline.times)} times are used"
     else:
-        left = {s.name: s.count - len(np.unique(timeline.frames[s.name])) for s in folders}
         if len({source.count for source in folders}) == 1:
             # It is the user's own choice of times.
             left = {}

@@ -10,7 +10,7 @@ from gaussray.prepare.poses import Placement
 
 
 # Fewest matches of a pair that count: wide baselines give some twenty that are all wrong.
-_TELLING = 30
+EVIDENCE = 40
 
 
 class PairDistance(NamedTuple):
@@ -31,7 +31,7 @@ def telling_pairs(placement: Placement) -> list[tuple[str, str]]:
     return [
         pair
         for pair, rows in placement.matches.items()
-        if len(rows) >= _TELLING and registered.issuperset(pair)
+        if len(rows) >= EVIDENCE and registered.issuperset(pair)
     ]
 
 

@@ -63,3 +63,13 @@ def test_numbers_that_are_not_used_are_told(tmp_path, moves):
     assert [v.time for v in capture.views] == (
         [*((0, 0.5) if moves else (0, 0.25, 0.5, 0.75)), 0, 0.25, 0.5, 0.75]
     )
+
+
+@pytest.mark.filterwarnings("ignore:.*left out are")
+def test_that_one_folder_begins_with_zero_and_another_with_one_is_told(tmp_path):
+    for name, own in (("a", [0, 1, 2, 4]), ("b", [1, 2, 3, 4])):
+        pictures(tmp_path / "images" / name, *(f"{n}.png" for n in own))
+    model(tmp_path, registered("a", "b"))
+    with pytest.warns(CaptureWarning, match="another with 1: a begins with 0 and b with 1. If"):
+        capture = read_colmap(tmp_path)
+    assert [v.time for v in capture.views] == [0, 0.25, 0.75] * 2

@@ -7,6 +7,7 @@ import pytest
 from quads import arc
 from scipy.spatial.transform import Rotation
 
+from gaussray.prepare.calibrations.lens_file import read_lenses
 from gaussray.prepare.calibrations.read import read_calibration
 from gaussray.prepare.errors import PrepareError
 
@@ -110,6 +111,7 @@ def test_a_pose_of_other_numbers_is_told(tmp_path, change):
     ("change", "message"),
     [
         ({"dist": "none"}, "dist of camera a must be numbers .* got none"),
+        ({"dist": True}, "dist of camera a must be numbers .* got True"),
         ({"distParams": [0.1]}, "a.json: distParams of camera a is not read"),
         ({"K": np.transpose(MATRIX).tolist()}, "matrix of camera a .* Is it transposed"),
         ({"size": [640.5, 480]}, "size of camera a must be two whole numbers .* 640.5 x 480"),
@@ -149,3 +151,12 @@ def test_a_list_with_resolution_may_have_distortion_under_any_name(tmp_path):
     cameras[1]["distCoef"] = [0.0] * 5
     with pytest.raises(PrepareError, match="dist of camera cam01 is not read"):
         read_calibration(write(path, {"cameras": cameras}))
+
+
+@pytest.mark.parametrize("value", [None, False, {}, [], "", [[]]])
+def test_no_distortion_is_zeros(tmp_path, value):
+    one = {**camera(POSES[0], "K R t"), "distortion": value}
+    (found,) = read_calibration(write(tmp_path / "a.json", {"a": one})).cameras
+    assert [found.lens[key] for key in ("k1", "k2", "p1", "p2")] == [0, 0, 0, 0]
+    lens = read_lenses(write(tmp_path / "b.json", {"K": MATRIX, "distortion": value}))["b"]
+    assert lens["camera_model"] == "OPENCV" and not lens.get("k1")

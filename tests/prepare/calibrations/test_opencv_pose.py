@@ -80,7 +80,6 @@ def test_of_several_poses_that_from_world_to_camera_is_taken():
     [
         ("RotationValues", "TranslationValues"),
         ("rvec", "tvec"),
-        ("rvecs", "tvecs"),
         ("rotation_vector", "translation_vector"),
     ],
 )
@@ -119,6 +118,31 @@ def test_a_matrix_that_is_no_pose_is_refused(tmp_path, matrix, message, key):
     path = write(tmp_path / "a.json", rig(key, [matrix.tolist()] * 3))
     with pytest.raises(PrepareError, match=message.replace("RT of", f"{key} of")):
         read_calibration(path)
+
+
+@pytest.mark.parametrize(
+    ("matrix", "asked"), [(np.zeros((4, 4)), False), (square(POSES[0]).T, True)]
+)
+def test_only_a_transposed_matrix_is_asked_whether_it_is(tmp_path, matrix, asked):
+    path = write(tmp_path / "a.json", rig("RT", [matrix.tolist()] * 3))
+    with pytest.raises(PrepareError, match="must end with the row 0 0 0 1, got .* Write") as error:
+        read_calibration(path)
+    assert ("Is it transposed?" in str(error.value)) == asked
+
+
+def test_poses_of_one_view_of_a_board_are_no_poses_of_cameras(tmp_path):
+    one = {
+        "mtx": MATRIX,
+        "dist": DISTORTION,
+        "rvecs": [[[0.1], [0], [0]]],
+        "tvecs": [[[0], [0], [1]]],
+    }
+    for name in NAMES:
+        write(tmp_path / f"{name}.json", one)
+    with pytest.raises(PrepareError, match="must hold one calibration, got cam01.json, cam02.json"):
+        read_calibration(tmp_path)
+    with pytest.raises(PrepareError, match="camera cam01 has no R .* got mtx, dist, rvecs, tvecs"):
+        read_calibration(write(tmp_path / "all.json", dict.fromkeys(NAMES, one)))
 
 
 def test_a_rotation_vector_of_huge_numbers_is_refused(tmp_path):

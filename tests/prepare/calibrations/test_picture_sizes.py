@@ -59,6 +59,27 @@ def test_a_size_at_the_top_is_of_all_cameras(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("said", "size"),
+    [
+        ({"width": 1280, "height": 720}, (1280, 720)),
+        ({"w": 1280, "h": 720, "size": [8, 6]}, (1280, 720)),
+        ({"size": [1280, 720]}, (1280, 720)),
+        ({"size": {"width": 1280, "height": 720}}, (1280, 720)),
+        ({"width": 8, "height": 6, "size": 0.025}, (0, 0)),
+        ({"width": 1280}, (0, 0)),
+        ({"image_size": [1280, 720], "width": 100, "height": 100}, (1280, 720)),
+    ],
+)
+def test_plain_words_at_the_top_are_a_size_unless_they_are_small(tmp_path, said, size):
+    camera = {"K": MATRIX, "R": np.eye(3).tolist(), "T": [0, 0, 1]}
+    by_value = {key: {"a": value, "b": value} for key, value in camera.items()}
+    for content in (by_value, {"cameras": {"a": camera, "b": camera}}, {"a": camera, "b": camera}):
+        (tmp_path / "a.json").write_text(json.dumps({**content, **said}))
+        cameras = read_calibration(tmp_path / "a.json").cameras
+        assert [(one.lens["w"], one.lens["h"]) for one in cameras] == [size] * 2
+
+
+@pytest.mark.parametrize(
     ("said", "message"),
     [
         ({"imgSize": [640, float("nan")]}, "size of camera cam1 must be two whole numbers"),
@@ -87,8 +108,9 @@ def test_a_lens_of_unknown_size_whose_middle_is_elsewhere_is_told(scale, sides):
     resized, finding = resized_lens(lens, "cam1", (640, 480), "poses.calibration")
     assert resized == lens | {"w": 640, "h": 480}
     text = f"says no size of its pictures, and its principal point is at {319.5 * scale:.0f} of 640"
+    text += f" columns and {240.5 * scale:.0f} of 480 rows"
     assert finding.level == "warn" and text in finding.text
-    assert finding.remedy == f"Was it calibrated at {sides}? Give the size."
+    assert finding.remedy.startswith(f"Was it calibrated at {sides}? Give its size: image_size=")
 
 
 def test_cameras_of_unknown_size_whose_middle_is_elsewhere_are_told_once(tmp_path, capsys):
@@ -98,7 +120,7 @@ def test_cameras_of_unknown_size_whose_middle_is_elsewhere_are_told_once(tmp_pat
     ]
     _, findings = assign_cameras(known, sources)
     assert [one.subject for one in findings] == ["lens"] * 3
-    told = "is at 320 of 320 columns (and of 2 more cameras alike). Was it calibrated at 640 x 480?"
+    told = "columns and 240 of 240 rows (and of 2 more cameras alike). Was it calibrated at 640 x 4"
     assert capsys.readouterr().out.count(told) == 1
     sized = Calibration(read(tmp_path / "a.json", image_size=[640, 480]))
     _, findings = assign_cameras(sized, sources)
@@ -120,3 +142,12 @@ def test_a_principal_point_in_shares_of_the_width_names_no_size(cx):
     lens = {"w": 0, "h": 0, "fl_x": 1.2, "fl_y": 1.2, "cx": cx, "cy": cx}
     _, finding = resized_lens(lens, "cam1", (640, 480), "poses.calibration")
     assert finding.remedy.startswith("Are all numbers in pixels?")
+
+
+@pytest.mark.parametrize(
+    ("cx", "cy"), [(320, 5e6), (5e6, 240), (640, 240), (320, 480), (5e6, 3.75e6), (640, 0)]
+)
+def test_a_principal_point_that_no_size_explains_is_asked_for_pixels(cx, cy):
+    lens = {"w": 0, "h": 0, "fl_x": 1e3, "fl_y": 1e3, "cx": cx, "cy": cy}
+    _, finding = resized_lens(lens, "cam1", (640, 480), "poses.calibration")
+    assert finding.remedy.startswith("Are all numbers in pixels? Give its size: image_size=")

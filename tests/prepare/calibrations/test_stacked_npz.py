@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from quads import arc
+from scipy.spatial.transform import Rotation
 
 from gaussray.prepare.calibrations.read import read_calibration
 from gaussray.prepare.errors import PrepareError
@@ -40,6 +41,68 @@ def test_distortion_of_one_camera_is_of_all(tmp_path, shape):
     dist = np.array([0.1, 0.2, 0, 0, 0.3]).reshape(shape)
     cameras = read_calibration(write(tmp_path / "a.npz", names=NAMES, dist=dist)).cameras
     assert {(one.lens["k1"], one.lens["k3"]) for one in cameras} == {(0.1, 0.3)}
+
+
+@pytest.mark.parametrize("shape", [(5,), (5, 1)])
+def test_sides_are_of_each_camera_or_of_all(tmp_path, shape):
+    columns = np.array([1280, 1280, 640, 640, 640]).reshape(shape)
+    for height in (720, np.full(shape, 720), [720]):
+        path = write(tmp_path / "a.npz", names=NAMES, width=columns, height=height)
+        lenses = [one.lens for one in read_calibration(path).cameras]
+        assert [lens["w"] for lens in lenses] == columns.ravel().tolist()
+        assert {lens["h"] for lens in lenses} == {720}
+
+
+def test_names_may_be_bytes(tmp_path):
+    path = write(tmp_path / "a.npz", names=np.array([name.encode() for name in NAMES]))
+    assert [one.name for one in read_calibration(path).cameras] == NAMES
+
+
+@pytest.mark.parametrize("shape", [(5, 3), (5, 3, 1)])
+def test_poses_of_cameras_may_have_names_of_many(tmp_path, shape):
+    turns = Rotation.from_matrix(VALUES["R"]).as_rotvec().reshape(shape)
+    changes = {"R": None, "T": None, "rvecs": turns, "tvecs": VALUES["T"].reshape(shape)}
+    cameras = read_calibration(write(tmp_path / "a.npz", names=NAMES, **changes)).cameras
+    assert np.array([one.pose for one in cameras]) == pytest.approx(POSES)
+
+
+FOUR = np.array([0.1, 0.2, 0.3, 0.4]) * np.ones((5, 1))
+
+
+def models(path):
+    return [one.lens["camera_model"] for one in read_calibration(path).cameras]
+
+
+def test_four_coefficients_are_a_fisheyes_if_the_file_is_called_so(tmp_path, capsys):
+    path = write(tmp_path / "my_Fisheye.npz", names=NAMES, dist=FOUR)
+    assert models(path) == ["OPENCV_FISHEYE"] * 5
+    assert read_calibration(path).cameras[3].lens["k3"] == 0.3
+    told = f"{path}: four distortion coefficients are taken as OpenCV's fisheye model."
+    assert told in capsys.readouterr().out
+    assert models(write(tmp_path / "fisheye.npz", names=NAMES)) == ["FULL_OPENCV"] * 5
+    assert models(write(path, names=NAMES, dist=FOUR, fisheye=False)) == ["OPENCV"] * 5
+    assert models(write(tmp_path / "a.npz", names=NAMES, dist=FOUR)) == ["OPENCV"] * 5
+
+
+@pytest.mark.parametrize(
+    "label",
+    [
+        {"fisheye": [True, False, True, True, True]},
+        {"distortion_model": ["fisheye", "radtan", *["equidistant"] * 3]},
+        {"camera_model": np.array([b"fisheye", b"pinhole", *[b"fisheye"] * 3])},
+    ],
+)
+def test_each_camera_may_have_a_model(tmp_path, label):
+    fisheye = "OPENCV_FISHEYE"
+    path = write(tmp_path / "a.npz", names=NAMES, dist=FOUR, **label)
+    assert models(path) == [fisheye, "OPENCV", fisheye, fisheye, fisheye]
+    (key,) = label
+    for one in ("fisheye", ["fisheye"]):
+        path = write(tmp_path / "a.npz", names=NAMES, dist=FOUR, distortion_model=one)
+        assert models(path) == [fisheye] * 5
+    path = write(tmp_path / "a.npz", names=NAMES, dist=FOUR, **{key: label[key][:3]})
+    with pytest.raises(PrepareError, match=f"{key} must be one value, or one for each of the 5"):
+        read_calibration(path)
 
 
 @pytest.mark.parametrize("names", [None, NAMES[:4], np.zeros(5), [NAMES]])

@@ -7,7 +7,9 @@ import pytest
 
 from gaussray.prepare.epipolar import EpipolarPair, epipolar_pairs
 from gaussray.prepare.features import Keypoints, MatchingPicture
-from gaussray.prepare.findings.epipolar_lines import EVIDENCE, epipolar_findings
+from gaussray.prepare.findings import calibration_readings
+from gaussray.prepare.findings.epipolar_lines import epipolar_findings
+from gaussray.prepare.findings.pair_distances import EVIDENCE, PairDistance
 from gaussray.prepare.poses import Placement
 from gaussray.prepare.sparse_model import Observations, SparseModel
 
@@ -145,6 +147,27 @@ def test_the_reading_with_which_a_calibration_fits_is_told(make, words):
     finding = said(make())
     assert ("fit (0." in finding.text) == bool(words) and words in finding.text
     assert (finding.level == "good") == (not words)
+
+
+@pytest.mark.parametrize(("share", "told"), [(0.7, False), (0.9, True)])
+def test_a_reading_with_which_many_matches_have_no_ray_is_none(monkeypatch, share, told):
+    placement, measured = rig(5, factor=2.0), calibration_readings.pair_distances
+
+    def losing(other, pairs):
+        kept = 1 if other is placement else share
+        found = measured(other, pairs).items()
+        return {pair: PairDistance(int(kept * n), median) for pair, (n, median) in found}
+
+    monkeypatch.setattr(calibration_readings, "pair_distances", losing)
+    assert ("1280 x 960" in said(placement).text) == told
+
+
+def test_a_pair_of_few_matches_that_fits_nowhere_is_left_out():
+    poses = with_pose(true_poses(8), 1, lambda pose: turned(6) @ pose)
+    placement = rig(8, with_pose(poses, 7, lambda pose: turned(6) @ pose), neighbours=1)
+    text = said(placement).text
+    assert "cam1: " in text and "cam7: " not in text
+    assert "those of most other pairs are at most 0.2" in text
 
 
 def test_two_exchanged_cameras_of_many_are_told_though_many_pairs_fit():
