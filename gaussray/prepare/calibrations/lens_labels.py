@@ -21,7 +21,7 @@ _CAMERAS = ("", "pinhole", *_PLAIN, *_FISHEYE)
 DISTORTION_MODELS = ("distortionmodel", "distortionmodels")
 _CAMERA_MODELS = ("cameramodel", "cameramodels")
 _FISHEYES = ("fisheye", "fisheyemodel")
-LENS_LABELS = (*DISTORTION_MODELS, *_CAMERA_MODELS, *_FISHEYES)
+MODEL_LABELS = (*DISTORTION_MODELS, *_CAMERA_MODELS, *_FISHEYES)
 
 
 def labels_in(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -30,7 +30,7 @@ def labels_in(values: Mapping[str, Any]) -> dict[str, Any]:
     Args:
         values: values by key.
     """
-    return {key: value for key, value in values.items() if plain_key(key) in LENS_LABELS}
+    return {key: value for key, value in values.items() if plain_key(key) in MODEL_LABELS}
 
 
 def is_fisheye(where: object, values: Mapping[str, Any]) -> bool:

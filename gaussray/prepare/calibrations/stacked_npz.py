@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from gaussray.prepare.calibrations.known_camera import Calibration
-from gaussray.prepare.calibrations.lens_labels import LENS_LABELS, labels_in
+from gaussray.prepare.calibrations.lens_labels import MODEL_LABELS, labels_in
 from gaussray.prepare.calibrations.opencv_json import opencv_cameras
 from gaussray.prepare.calibrations.value_names import VALUE_NAMES, plain_key
 from gaussray.prepare.errors import PrepareError
@@ -17,7 +17,7 @@ from gaussray.runtime.progress import say
 # Names of the array of the cameras' names.
 _NAMES = ("names", "cameras", "cameranames", "camnames", "cams", "ids", "cameraids", "serials")
 # Names of arrays of one number or text for each camera.
-_SINGLE = (*VALUE_NAMES["width"], *VALUE_NAMES["height"], *LENS_LABELS)
+_SINGLE = (*VALUE_NAMES["width"], *VALUE_NAMES["height"], *MODEL_LABELS)
 # Names of poses that are of cameras in these files alone: cv2.calibrateCamera calls so the poses
 # of its views of one camera.
 _POSES = {"rvecs": "rvec", "tvecs": "tvec"}
