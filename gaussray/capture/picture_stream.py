@@ -31,8 +31,6 @@ _FEWEST, _MOST, _BYTES = 4, 16, 20
 def stream_encoded(
     views: Sequence[PictureFile],
     arranged: Callable[[int, np.ndarray], Any] = lambda index, picture: picture,
-    *,
-    warn: bool = True,
 ) -> tuple[np.dtype, Iterator[tuple[int, Any]]]:
     """Pictures of many views of one size, decoded by several threads.
 
@@ -42,7 +40,6 @@ def stream_encoded(
         views: at least one view.
         arranged: what is made of the picture of each view, of this index, in the thread that
             decodes it.
-        warn: whether a warning tells of transparent pixels.
 
     Returns:
         The type of all pictures (uint8 if all files are 8-bit sRGB, else float32 in 0..1), and an
@@ -71,7 +68,7 @@ def stream_encoded(
         picture = (shown / 255).astype(dtype) if widen else shown
         return arranged(index, picture), alpha is not None
 
-    return dtype, _streamed(views, read, warn)
+    return dtype, _streamed(views, read)
 
 
 def _is_bytes(view: PictureFile) -> bool:
@@ -84,9 +81,7 @@ def _is_bytes(view: PictureFile) -> bool:
 _Reading = Callable[[int, Callable[[], StoredPicture]], tuple[Any, bool]]
 
 
-def _streamed(
-    views: Sequence[PictureFile], read: _Reading, warn: bool
-) -> Iterator[tuple[int, Any]]:
+def _streamed(views: Sequence[PictureFile], read: _Reading) -> Iterator[tuple[int, Any]]:
     transparent, threads = 0, decoding_threads(int(np.prod(stored_size(views[0]))))
     with ThreadPoolExecutor(threads) as pool:
         try:
@@ -96,7 +91,7 @@ def _streamed(
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise
-    if transparent and warn:
+    if transparent:
         warnings.warn(
             f"{transparent} of {len(views)} pictures have alpha below 1, which "
             f"{ALPHA_USE[views[0].background]}.",

@@ -108,13 +108,9 @@ def _say_changed(session: Session, plan: StepPlan, done: int) -> None:
     elif isinstance(plan, TimedPlan) and plan.seconds_of_fewest:
         minutes, given = plan.seconds_of_fewest / 60, session.options.fit.minutes
         needed = math.ceil(10 * given * plan.seconds_of_fewest / plan.seconds) / 10
-        # Of two stages the one counts that needs more.
-        if needed <= (session.shared.known("fewest minutes") or 0):
-            return
-        session.shared.note("fewest minutes", needed)
         say(
-            f"fit.minutes={given:g} is too short here: {plan.steps} steps, the fewest of this "
-            f"stage, take about {minutes:.1f} minutes; fit.minutes={needed:g} has time for them."
+            f"fit.minutes={given:g} is too short for this stage: {plan.steps} steps, its "
+            f"fewest, take about {minutes:.1f} minutes; fit.minutes={needed:g} has time for them."
         )
 
 

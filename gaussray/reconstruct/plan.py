@@ -83,8 +83,8 @@ def fit_plan(
     at_once, shared = machine.runs_two_fits, SharedResults()
     fits = TrialFits(tried.capture, parts[0], out, fit, shared, devices, quiet, at_once=at_once)
     # Rigid bodies are searched for at every time, other motion at a few.
-    long = "deformation" in candidates and not resume
-    short = _of_trial_part(fits, options.fit.segment, say) if long else fits
+    tracks = "deformation" in candidates and not resume
+    short = _of_trial_part(fits, options.fit.segment, say) if tracks else fits
     chosen, scores = with_motion_tried(
         short, chosen, candidates, steps=machine.trial_steps, resume=resume, say=say
     )
@@ -101,7 +101,7 @@ def fit_plan(
 def _of_trial_part(fits: TrialFits, most: int, say: Callable[[str], None]) -> TrialFits:
     """The same fits of the part of a long capture that a trial sees (`trial_part`), which share
     nothing with the fit of the whole; `most` is the largest number of times of a segment."""
-    part = trial_part(fits.capture)
+    part = trial_part(fits.capture, quiet=fits.quiet)
     if part is fits.capture:
         return fits
     first, last = part.time_range

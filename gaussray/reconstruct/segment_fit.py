@@ -1,6 +1,6 @@
 """One segment of a reconstruction: its stages, its pruning, and what is told of it."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -49,19 +49,23 @@ def fitted_state(
     session.shared.once("detail", lambda: demand_detail(session.footage))
     if not session.is_continuation:
         session.shared.once("poses", lambda: warn_of_wrong_poses(session.footage))
-    if state is not None:
+    if state is None:
+        state, progress = initial_state(session, progress)
+        with work_ahead(session, state, progress) as ready:
+            state, progress = _before_fine(session, state, progress)
+            ready(state)
+    else:
         session.resume(state, progress)
-        return _after_stages(session, state, progress, lambda state: None)
-    state, progress = initial_state(session, progress)
-    with work_ahead(session, state, progress) as ready:
-        return _after_stages(session, state, progress, ready)
+        state, progress = _before_fine(session, state, progress)
+    return (
+        run_stage(session, "fine", state, progress) if len(session.times) > 1 else (state, progress)
+    )
 
 
-def _after_stages(
-    session: Session, state: State, progress: RunProgress, ready: Callable[[State], None]
+def _before_fine(
+    session: Session, state: State, progress: RunProgress
 ) -> tuple[State, RunProgress]:
-    """The state after all stages that are left of a segment; `ready` is called before the fine
-    one."""
+    """The state before the fine stage, or where it was left in that stage."""
     if progress.stage == "coarse":
         # Transient Gaussians are there at all times at once.
         fit = session.options.fit
@@ -71,10 +75,7 @@ def _after_stages(
     elif progress.stage == "begin":
         state, progress = continued_state(session, state, progress)
         state, progress = with_motion(session, state, progress)
-    if len(session.times) == 1:
-        return state, progress
-    ready(state)
-    return run_stage(session, "fine", state, progress)
+    return state, progress
 
 
 def pruned_segment(

@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from gaussray.reconstruct.auto.machine import this_machine
 from gaussray.reconstruct.initialize.nonrigid_registration import registration_options
 from gaussray.reconstruct.initialize.stereo.from_pictures import MovingPoints
 from gaussray.reconstruct.initialize.stereo.points import StereoPoints
@@ -39,8 +40,6 @@ from gaussray.scene.control_points import ControlPoints
 _CORES = 6
 # Points that stand in for what moves at each time.
 _POINTS = 16
-# Bytes of a GPU's memory from which on a block of the fine stage runs beside the coarse one.
-_MEMORY = 16 << 30
 
 
 @contextlib.contextmanager
@@ -64,9 +63,10 @@ def work_ahead(
     density = session.options.density
     # With less room than for a few of the points of each time, there is little to wait for.
     soft = soft and density.relocates and density.gaussians > 4 * _POINTS * fit.instants
-    alone = session.mesh.size == 1 and jax.process_count() == 1 and works_ahead()
     key = "ahead", fit.motion, fit.refine
-    if session.shared.known(key) or not (soft and alone and by_pictures_alone(session, None)):
+    if session.shared.known(key) or not (
+        soft and works_ahead(session.mesh.size) and by_pictures_alone(session, None)
+    ):
         yield lambda state: None
         return
     # Fits of the same pictures share what is found and compiled.
@@ -76,28 +76,22 @@ def work_ahead(
     def compiled() -> None:
         guess = stand_in(session, state, progress)
         expected.set_result(shapes(guess))
-        run_block(session, "fine", guess)
+        run_block(session, guess)
 
     def ready(state: State) -> None:
         wait([expected, program], return_when=FIRST_COMPLETED)
         if expected.done() and expected.result() == shapes(state):
-            _finish(program)
+            # What fails in it fails again, and is told, where its result is needed.
+            wait([program])
 
     with beside([lambda: find_motion(session, state.parameters), compiled]) as (_, program):
         yield ready
 
 
-def _finish(work: Future[None]) -> None:
-    """Wait for a work. What fails in it fails again, and is told, where its result is needed."""
-    work.exception()
-
-
-def works_ahead() -> bool:
-    """Whether this machine has a GPU, and memory and processors to work ahead with."""
-    if jax.default_backend() != "gpu" or cores() < _CORES:
-        return False
-    known = jax.local_devices()[0].memory_stats() or {}
-    return known.get("bytes_limit", 0) >= _MEMORY
+def works_ahead(devices: int) -> bool:
+    """Whether one GPU has the memory for steps of both stages, and there are processors to work
+    ahead with."""
+    return this_machine(devices).runs_two_fits and cores() >= _CORES
 
 
 def shapes(state: State) -> Hashable:
@@ -110,21 +104,20 @@ def shapes(state: State) -> Hashable:
     return structure, tuple((leaf.shape, leaf.dtype) for leaf in leaves)
 
 
-def run_block(session: Session, stage: str, state: State) -> None:
-    """Run a block of steps, which compiles what steps of such a state run.
+def run_block(session: Session, state: State) -> None:
+    """Run a block of steps of the fine stage, which compiles what those of such a state run.
 
     Args:
         session: the segment.
-        stage: coarse or fine.
         state: a state of any numbers.
     """
     fit = session.options.fit
-    batches = session.loader.batches(stage, 0, fit.block, fit.block)
+    batches = session.loader.batches("fine", 0, fit.block, fit.block)
     sizes = first_sizes(session, state, batches)
     schedule = step_schedule(StageSchedule(fit.block), fit.seed)
     known = (from_primary(state), session.footage.camera, batches, session.cameras, schedule)
     state, views, drawn, cameras, schedule = replicate(known, session.mesh)
-    options = step_options(session, stage)
+    options = step_options(session, "fine")
     result = train_block(
         state, views, drawn, cameras, options=options, schedule=schedule, sizes=sizes
     )

@@ -51,30 +51,34 @@ def found(monkeypatch):
     monkeypatch.setattr(motion, "moving_points", clouds)
     monkeypatch.setattr(motion, "tracked_surface", lambda *_, **__: toy.control_points())
     monkeypatch.setattr(work_ahead, "registration_options", lambda _: three)
-    monkeypatch.setattr(work_ahead, "works_ahead", lambda: True)
+    monkeypatch.setattr(work_ahead, "works_ahead", lambda _: True)
 
 
-def waits(monkeypatch):
-    """What is waited for."""
-    seen, wait = [], work_ahead._finish
-    monkeypatch.setattr(work_ahead, "_finish", lambda work: (wait(work), seen.append(work)))
+def waits(monkeypatch, count):
+    """What is counted each time that the program alone has been waited for."""
+    seen, wait = [], work_ahead.wait
+
+    def waited(works, **how):
+        wait(works, **how)
+        if len(works) == 1:
+            seen.append(count())
+
+    monkeypatch.setattr(work_ahead, "wait", waited)
     return seen
 
 
 @pytest.mark.ci
 def test_the_fine_stage_runs_the_program_that_was_compiled_ahead(capture, tmp_path, monkeypatch):
-    traced, loss, waited = [], step.loss_of, waits(monkeypatch)
+    traced, loss = [], step.loss_of
     monkeypatch.setattr(
         step, "loss_of", lambda *args, **kwargs: (traced.append(1), loss(*args, **kwargs))[1]
     )
-    monkeypatch.setattr(
-        work_ahead, "_finish", lambda work: (work.result(), waited.append(len(traced)))
-    )
+    waited = waits(monkeypatch, lambda: len(traced))
     jax.clear_caches()
     reconstruct(capture, tmp_path / "ahead", options=OPTIONS, quiet=True)
     assert waited == [len(traced)] and traced
     # And nothing else changes.
-    monkeypatch.setattr(work_ahead, "works_ahead", lambda: False)
+    monkeypatch.setattr(work_ahead, "works_ahead", lambda _: False)
     reconstruct(capture, tmp_path / "alone", options=OPTIONS, quiet=True)
     assert len(waited) == 1
     toy.same_bytes(tmp_path / "ahead", tmp_path / "alone")
@@ -84,7 +88,7 @@ def test_the_fine_stage_runs_the_program_that_was_compiled_ahead(capture, tmp_pa
 def test_nobody_waits_for_a_program_of_other_shapes(capture, tmp_path, monkeypatch):
     four = replace(registration_options("cpu"), control=4)
     monkeypatch.setattr(work_ahead, "registration_options", lambda _: four)
-    waited = waits(monkeypatch)
+    waited = waits(monkeypatch, lambda: 0)
     reconstruct(capture, tmp_path, options=OPTIONS, quiet=True)
     assert not waited
 

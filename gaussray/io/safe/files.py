@@ -162,10 +162,10 @@ def inside(folder: Path, name: str, where: object) -> Path:
         if real.exists() or link is not None:
             target = real.parent if link is None or link.is_file() else link.resolve()
             allowed = target if real.is_relative_to(target) else real.parent
-            through = "" if link is None else f" ({link.name} is a link)"
-            through += "" if real.exists() else f"{same_name_hint(home, name)}"
+            through = "." if link is None else f" ({link.name} is a link)."
+            through += "" if real.exists() else same_name_hint(home, name)
             remedy = (
-                f"{through}. Copy it there, or, if you trust the manifest, allow its folder: "
+                f"{through} Copy it there, or, if you trust the manifest, allow its folder: "
                 f"limits.folders=['{allowed}']."
             )
         else:

@@ -15,17 +15,18 @@ from gaussray.capture.picture_stream import stream_encoded
 from gaussray.capture.spread import evenly_spread
 from gaussray.capture.temporal_median import differs
 from gaussray.reconstruct.data.segments import training_views
+from gaussray.runtime.progress import Progress
 
 
-# Times that the fits of a trial see, of captures of more than twice as many. Trials were compared
-# on captures of up to 30 times (experiments/captures/log.md).
+# Times that the fits of a trial see, of captures of more than twice as many: some more than the
+# captures have on which trials were compared, 16 to 25 (experiments/captures/log.md).
 TRIAL_TIMES = 30
 # Stretches of time of which the liveliest is taken, and the cameras whose pictures tell, at most;
 # of their pictures each so-manieth pixel of a row and a column counts.
 _STRETCHES, _CAMERAS, _EVERY = 8, 3, 4
 
 
-def trial_part(capture: Capture) -> Capture:
+def trial_part(capture: Capture, *, quiet: bool = True) -> Capture:
     """The capture at TRIAL_TIMES successive times at which much moves; the whole capture if it has
     at most twice as many.
 
@@ -34,18 +35,20 @@ def trial_part(capture: Capture) -> Capture:
 
     Args:
         capture: a capture, whose training views count.
+        quiet: print no progress.
     """
     views = training_views(capture)
     times = np.unique([view.time for view in views])
     if len(times) <= 2 * TRIAL_TIMES:
         return capture
     count = min(_STRETCHES, len(times) // TRIAL_TIMES)
-    # From the first time to the last.
     starts = np.linspace(0, len(times) - TRIAL_TIMES, count).round().astype(int)
     parts = [times[start : start + TRIAL_TIMES] for start in starts]
-    change = np.zeros(count)
-    for own in _still_views(views):
+    change, cameras = np.zeros(count), _still_views(views)
+    bar = Progress("look for motion", len(cameras), quiet=quiet, patience=2.0)
+    for done, own in enumerate(cameras, 1):
         change += _changes(own, parts)
+        bar.report(done)
     first, *_, last = parts[int(np.argmax(change))]
     part = capture.with_views(lambda some: [view for view in some if first <= view.time <= last])
     return dataclasses.replace(part, time_range=(float(first), float(last)))
@@ -69,11 +72,10 @@ def _changes(
     wanted = np.array([(part[0], part[len(part) // 2], part[-1]) for part in parts])
     nearest = np.abs(times - wanted[..., None]).argmin(axis=-1)
     used = np.unique(nearest)
+    # Alpha is dropped: what it hides does not change, and the fit tells of it.
     kind, pictures = stream_encoded(
-        [views[k] for k in used],
+        [dataclasses.replace(views[k], background="none") for k in used],
         lambda _, picture: picture[::_EVERY, ::_EVERY].copy(),
-        # The fit reads them again, and tells.
-        warn=False,
     )
     small = {int(used[index]): picture for index, picture in pictures}
     scale = 255 if kind == np.uint8 else 1
