@@ -22,46 +22,48 @@ class FrameNumbers(NamedTuple):
     """How the pictures of several folders belong together.
 
     Args:
-        common: the numbers that all folders have, in ascending order, if pictures of one number
-            belong together; empty if pictures at one place in the order of the names do.
-        numbers: the number of each picture of each folder, if `common` is not empty. Names with
-            several numbers that vary are counted through.
+        common: the times that all folders have, in ascending order, if pictures of one number
+            belong together and some folder lacks one; empty if pictures at one place in the order
+            of the names do.
+        times: the time of each picture of each folder, if `common` is not empty: its place among
+            the numbers of all folders, each counted once.
         doubt: two pictures at one place whose numbers differ; empty if there are none.
-        from_zero_and_one: whether a folder begins with 0 and another with 1, and `common` is not
-            empty: they may still show the same times.
+        from_zero_and_one: whether a folder begins with 0 and another with 1: pictures at one place
+            may belong together even if `common` is not empty.
     """
 
     common: list[int] = []
-    numbers: dict[str, list[int]] = {}
+    times: dict[str, list[int]] = {}
     doubt: str = ""
     from_zero_and_one: bool = False
 
     def places(self, name: str) -> list[int]:
-        """For each common number the place of its picture in a folder.
+        """For each common time the place of its picture in a folder.
 
         Args:
             name: the folder.
         """
-        place = {number: k for k, number in enumerate(self.numbers[name])}
-        return [place[number] for number in self.common]
-
-    def counts(self, name: str) -> list[float]:
-        """The times of a folder's pictures, in least steps between the successive numbers of a
-        folder, from the least number of all folders on.
-
-        Args:
-            name: the folder.
-        """
-        every = self.numbers.values()
-        step = min(b - a for own in every for a, b in itertools.pairwise(own))
-        least = min(own[0] for own in every)
-        return [(number - least) / step for number in self.numbers[name]]
+        place = {time: k for k, time in enumerate(self.times[name])}
+        return [place[time] for time in self.common]
 
     @property
-    def is_order(self) -> bool:
-        """Whether pictures of one number are at one place in all folders, without a gap."""
-        whole = all(len(own) == len(self.common) for own in self.numbers.values())
-        return whole and len({b - a for a, b in itertools.pairwise(self.common)}) <= 1
+    def open_question(self) -> tuple[str, str]:
+        """What is doubtful about which pictures belong together, and what to do if it is wrong;
+        empty texts if nothing is."""
+        if not self.doubt or (self.common and not self.from_zero_and_one):
+            return "", ""
+        if self.common:
+            return (
+                "pictures of one number are taken to be of one time, but pictures at one place may "
+                f"be, as one folder begins with 0 and another with 1: {self.doubt}",
+                "If they are, number the pictures of all folders from the same number on.",
+            )
+        return (
+            "pictures at one place in their folders are taken to be of one time, but by the "
+            f"numbers in their names they may not be: {self.doubt}",
+            "If they are not, give pictures of one time the same name in all folders, and take "
+            "away those that another folder lacks.",
+        )
 
 
 def frame_numbers(folders: Mapping[str, Sequence[Path]]) -> FrameNumbers:
@@ -85,13 +87,16 @@ def frame_numbers(folders: Mapping[str, Sequence[Path]]) -> FrameNumbers:
     increasing = all(a < b for own in keys.values() for a, b in itertools.pairwise(own))
     if not increasing or _may_count_alike(keys.values()):
         return FrameNumbers(doubt=doubt)
-    several = enumerate(sorted({key for own in keys.values() for key in own}))
-    value = {key: key[0] if len(key) == 1 else k for k, key in several}
-    numbers = {name: [value[key] for key in own] for name, own in keys.items()}
-    common = sorted(set.intersection(*map(set, numbers.values())))
-    if not _are_enough(common, list(numbers.values())):
+    place = {key: k for k, key in enumerate(sorted({key for own in keys.values() for key in own}))}
+    times = {name: [place[key] for key in own] for name, own in keys.items()}
+    common = sorted(set.intersection(*map(set, times.values())))
+    if not _are_enough(common, list(times.values())):
         return FrameNumbers(doubt=doubt)
-    return FrameNumbers(common, numbers, doubt, {own[0] for own in keys.values()} == _FIRSTS)
+    if len(common) == len(place):
+        # Names that are the same in all folders say no more than their order.
+        return FrameNumbers()
+    from_zero_and_one = {own[0] for own in keys.values()} == _FIRSTS
+    return FrameNumbers(common, times, doubt, from_zero_and_one)
 
 
 def _keys(folders: Mapping[str, Sequence[Path]]) -> dict[str, list[_Key]]:

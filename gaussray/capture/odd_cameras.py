@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 
-# Of a pair alone the camera is wrong that fits elsewhere in fewer matches than the other one; the
-# difference must be so large a share of the pair's matches.
+# One camera has clearly more matches that do not fit than another if the difference is so large a
+# share of those of the pair of both (a guess).
 _CLEARLY = 0.5
 
 
@@ -23,13 +23,18 @@ class JudgedPair(NamedTuple):
 
 def odd_cameras(pairs: Mapping[tuple[str, str], JudgedPair], *, alone: int = 0) -> list[str]:
     """Names of few cameras without which all pairs fit; none if there are no such cameras, or if
-    another one would explain a pair as well.
+    others would explain a pair about as well.
 
     One after another, the camera with the most matches that do not fit, less those that do, is
-    taken out. It must have more of the former, and two pairs that do not fit; or one of at
-    least `alone` matches, whose other camera fits elsewhere in clearly more matches than it. Most
-    cameras must stay, and a pair that fits. A pair of fewer matches that is the only one of both
-    its cameras that does not fit is left out.
+    taken out, if
+
+    * it has more of the former, and clearly more than the other camera of each such pair has,
+      unless that one is taken out, too;
+    * it has two pairs that do not fit, or one of at least `alone` matches;
+    * most cameras stay, and a pair that fits.
+
+    A pair of fewer matches than `alone` counts only if one of its cameras has another one that does
+    not fit.
 
     Args:
         pairs: pairs of cameras, by name.
@@ -37,7 +42,7 @@ def odd_cameras(pairs: Mapping[tuple[str, str], JudgedPair], *, alone: int = 0) 
     """
     names = sorted({name for pair in pairs for name in pair})
     off = [name for pair, judged in pairs.items() if not judged.fits for name in pair]
-    odd = []
+    odd, rivals = [], set[str]()
     left = {
         pair: judged
         for pair, judged in pairs.items()
@@ -50,12 +55,16 @@ def odd_cameras(pairs: Mapping[tuple[str, str], JudgedPair], *, alone: int = 0) 
                 score[name] += -matches if fits else matches
         worst = max(names, key=lambda name: score[name])
         bad = [pair for pair, judged in left.items() if worst in pair and not judged.fits]
-        if score[worst] <= 0:
+        fewest = alone if len(bad) == 1 else 0
+        if score[worst] <= 0 or max(left[pair].matches for pair in bad) < fewest:
             return []
-        if len(bad) == 1:
-            matches, apart = left[bad[0]].matches, abs(score[bad[0][0]] - score[bad[0][1]])
-            if matches < alone or apart < _CLEARLY * matches:
-                return []
+        rivals |= {
+            name
+            for pair in bad
+            for name in pair
+            if name != worst and score[worst] - score[name] < _CLEARLY * left[pair].matches
+        }
         odd.append(worst)
         left = {pair: judged for pair, judged in left.items() if worst not in pair}
-    return sorted(odd) if left and 2 * len(odd) < len(names) else []
+    told = left and 2 * len(odd) < len(names) and rivals <= set(odd)
+    return sorted(odd) if told else []

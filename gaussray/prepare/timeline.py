@@ -76,7 +76,7 @@ def common_timeline(sources: Sequence[Source], sync: Sync, options: FramesOption
     clocks = {source.name: _clock(source, sync, options, found) for source in sources}
     rates = [source.rate or options.rate or PICTURE_RATE for source in sources]
     rate = options.rate or min(rates) / _stride(sources, min(rates), options)
-    if found.common and len(found.numbers) == len(sources):
+    if found.common and len(found.times) == len(sources):
         grid = clocks[sources[0].name][found.places(sources[0].name)]
     else:
         grid = _even_grid(list(clocks.values()), rates, rate)
@@ -111,15 +111,15 @@ def tell_numbers(sources: Sequence[Source], timeline: Timeline) -> None:
         timeline: their timestamps.
     """
     found = timeline.numbers
-    if found.common and not found.is_order:
+    if found.common:
         a, b = [source for source in sources if not source.is_video][:2]
         pair = (f"{s.name}/{s.pictures[found.places(s.name)[0]].name}" for s in (a, b))
         text = (
-            f"{first_of(list(found.numbers))}: pictures go together by the numbers in their names "
+            f"{first_of(list(found.times))}: pictures go together by the numbers in their names "
             f"({' with '.join(pair)}), of which all folders have {len(found.common)}."
         )
         # Videos would lose their synchronisation.
-        if len(found.numbers) == len(sources):
+        if len(found.times) == len(sources):
             offsets = str([0] * len(sources)).replace(" ", "")
             text += f" sync.offsets={offsets} pairs them by their order."
         say(text)
@@ -213,7 +213,7 @@ def _clock(
     """Common time of each frame of a camera."""
     if source.is_video:
         return source.times + sync.offsets[source.name]
-    counts = found.counts(source.name) if found.common else np.arange(source.count)
+    counts = found.times[source.name] if found.common else np.arange(source.count)
     return np.array(counts) / (options.rate or PICTURE_RATE) + sync.offsets[source.name]
 
 

@@ -14,16 +14,18 @@ def folders(form="{:06d}.jpg", **numbers):
 def test_pictures_of_one_number_belong_together():
     lacking = [n for n in range(2, 14) if n not in (5, 6)]
     found = frame_numbers(folders(a=range(10), b=lacking, c=range(4, 14), d=range(10)))
-    assert found.common == [4, 7, 8, 9] and not found.is_order
-    assert found.counts("c") == list(range(4, 14))
+    assert found.common == [4, 7, 8, 9] and found.open_question == ("", "")
+    assert found.times["c"] == list(range(4, 14))
     assert found.places("a") == [4, 7, 8, 9] and found.places("b") == [2, 3, 4, 5]
     assert found.places("c") == [0, 3, 4, 5]
 
 
 @pytest.mark.parametrize("form", ["{:06d}.jpg", "{name}1_{:d}.png", "take2_{:04d}_640x480.jpg"])
 def test_numbers_that_all_pictures_have_are_of_no_picture(form):
-    found = frame_numbers(folders(form, a=range(5), b=range(5)))
-    assert found.common == [0, 1, 2, 3, 4] and found.is_order and not found.doubt
+    # Where no folder lacks a number, they say no more than the order.
+    assert frame_numbers(folders(form, a=range(5), b=range(5))) == FrameNumbers()
+    found = frame_numbers(folders(form, a=range(5), b=[0, 1, 3, 4]))
+    assert found.common == [0, 1, 3, 4] and found.times["b"] == found.common
 
 
 @pytest.mark.parametrize(
@@ -47,27 +49,26 @@ def test_a_folder_that_counts_from_one_and_lacks_pictures_is_no_other_count():
     found = frame_numbers(folders(a=range(10), b=[1, 2, 3, 5, 6, 7, 8, 9, 10]))
     assert found.common == [1, 2, 3, 5, 6, 7, 8, 9]
     # But it may be one: that is told.
-    assert found.from_zero_and_one and found.doubt == "a begins with 000000 and b with 000001"
+    assert found.doubt == "a begins with 000000 and b with 000001"
+    assert "as one folder begins with 0 and another with 1" in found.open_question[0]
     found = frame_numbers(folders(a=[*range(50), *range(51, 100)], b=range(1, 101)))
-    assert found.common and found.from_zero_and_one
-    assert not frame_numbers(folders(a=range(10), b=range(10))).from_zero_and_one
+    assert found.common and found.doubt
 
 
-def test_the_least_step_of_a_folder_is_one():
+def test_times_are_places_among_the_numbers_of_all_folders():
     found = frame_numbers(folders(a=range(0, 20, 2), b=range(20)))
-    assert found.common == list(range(0, 20, 2)) and found.counts("a") == found.common
-    assert found.places("b") == found.common and not found.is_order
+    assert found.common == list(range(0, 20, 2)) == found.times["a"] == found.places("b")
     third = frame_numbers(folders(a=range(90), b=range(0, 90, 3)))
-    assert third.counts("b") == list(range(0, 90, 3))
-    assert frame_numbers(folders(a=[1, 2, 10], b=[1, 2, 10])).counts("a") == [0, 1, 9]
-    even = frame_numbers(folders(a=range(0, 20, 2), b=range(0, 20, 2)))
-    assert even.counts("a") == list(range(10)) and even.is_order
-
-
-def test_nanoseconds_are_times():
-    times = [1403636579763555584 + 50_000_000 * n for n in range(10)]
-    found = frame_numbers(folders("{}.png", a=times[:7] + times[8:], b=times))
-    assert found.counts("a") == pytest.approx([0, 1, 2, 3, 4, 5, 6, 8, 9])
+    assert third.times["b"] == list(range(0, 90, 3))
+    # Clocks count neither evenly nor in tens: 11:59:59 is followed by 12:00:00.
+    clock = [115958, 115959, 120000, 120001]
+    found = frame_numbers(folders(a=clock, b=[*clock[:1], *clock[2:]]))
+    assert found.times == {"a": [0, 1, 2, 3], "b": [0, 2, 3]}
+    milliseconds = [0, 33, 66, 86, 133, 166, 200]
+    assert frame_numbers(folders(a=milliseconds, b=milliseconds)) == FrameNumbers()
+    nanoseconds = [1403636579763555584 + 50_000_000 * n for n in range(10)]
+    found = frame_numbers(folders("{}.png", a=nanoseconds[:7] + nanoseconds[8:], b=nanoseconds))
+    assert found.times["a"] == [0, 1, 2, 3, 4, 5, 6, 8, 9]
 
 
 @pytest.mark.parametrize(
@@ -102,10 +103,10 @@ def test_a_single_picture_has_its_number_where_those_of_others_have_theirs():
 
 def test_of_several_numbers_all_must_agree():
     same = ["1_1", "1_2", "2_1", "2_2"]
-    assert named(a=same, b=same).is_order
+    assert named(a=same, b=same) == FrameNumbers()
     found = named(a=same, b=["1_1", "1_3", "2_1", "2_2"])
     assert found.common == [0, 3, 4] and found.doubt == "at place 2 a has 1_2 and b 1_3"
-    assert found.counts("b") == [0, 2, 3, 4] and found.places("b") == [0, 2, 3]
+    assert found.times["b"] == [0, 2, 3, 4] and found.places("b") == [0, 2, 3]
     times = [f"{1690000000 + n // 10}.{n % 10}0" for n in range(30)]
     found = named(a=times[:5] + times[6:], b=times[1:4], c=times)
     assert found.common == [1, 2, 3] and not found.from_zero_and_one

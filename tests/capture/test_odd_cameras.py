@@ -53,3 +53,13 @@ def test_a_pair_of_few_matches_that_accuses_nobody_acquits_nobody():
     assert odd_cameras(pairs, alone=100) == ["d"]
     assert odd_cameras(pairs | judged(ef=-150), alone=100) == ["d", "f"]
     assert odd_cameras(judged(ab=-50, bc=-50, ca=-50, de=50), alone=100) == []
+
+
+def test_nobody_is_named_where_others_explain_as_much_whatever_their_names():
+    pairs = {"ab": -100, "ac": -100, "bd": -100, "cd": -100, "ad": 100, "bc": 100, "ef": 100}
+    assert odd_cameras(judged(**pairs)) == []
+    few = judged(ac=-50, ad=-100, ae=100, bd=50)
+    other = str.maketrans("abcde", "edcba")
+    renamed = {(a.translate(other), b.translate(other)): one for (a, b), one in few.items()}
+    back = [name.translate(other) for name in odd_cameras(renamed)]
+    assert sorted(back) == odd_cameras(few)

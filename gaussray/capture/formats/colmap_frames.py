@@ -20,27 +20,21 @@ def frames_together(
     if any(frame_of(path) for own in frames.values() for path in own[:1]):
         return frames, None
     found = frame_numbers(frames)
-    if found.common and not found.is_order and fixed:
-        left = {name: len(own) - len(found.common) for name, own in frames.items()}
-        listed = ", ".join(f"{count} of {name}" for name, count in left.items() if count)
-        Keys(folder, {}).warn(
-            "the pictures of the cameras go together by the numbers in their names, of which "
-            f"all have {len(found.common)}" + f"; left out are {listed}." * bool(listed)
-        )
-        if found.from_zero_and_one:
-            Keys(folder, {}).warn(
-                "pictures of one number are taken to be of one time, but pictures at one place may "
-                f"be, as one folder begins with 0 and another with 1: {found.doubt}. If they are, "
-                "number the pictures of all folders from the same number on."
-            )
-        name = next(iter(frames))
-        counts = [found.counts(name)[k] for k in found.places(name)]
-        times = [(count - counts[0]) / (counts[-1] - counts[0] + 1) for count in counts]
-        return {name: [own[k] for k in found.places(name)] for name, own in frames.items()}, times
-    if found.doubt and len({len(own) for own in frames.values()}) == 1:
-        Keys(folder, {}).warn(
-            "pictures at one place in the cameras' folders are taken to be of one time, but by "
-            f"the numbers in their names they may not be: {found.doubt}. If they are not, call "
-            "pictures of one time alike in all folders."
-        )
-    return frames, None
+    if found.common and not fixed:
+        # Each camera's registered pictures tell its path, so none can be left out.
+        found = found._replace(common=[])
+    alike = len({len(own) for own in frames.values()}) == 1
+    text, remedy = found.open_question
+    if text and (found.common or alike):
+        Keys(folder, {}).warn(f"{text}. {remedy}")
+    if not found.common:
+        return frames, None
+    left = {name: len(own) - len(found.common) for name, own in frames.items()}
+    listed = ", ".join(f"{count} of {name}" for name, count in left.items() if count)
+    Keys(folder, {}).warn(
+        "the pictures of the cameras go together by the numbers in their names, of which all have "
+        f"{len(found.common)}; left out are {listed}."
+    )
+    first, last = found.common[0], found.common[-1]
+    times = [(time - first) / (last - first + 1) for time in found.common]
+    return {name: [own[k] for k in found.places(name)] for name, own in frames.items()}, times

@@ -25,7 +25,10 @@ class Finding(NamedTuple):
 
 
 def merged_findings(findings: Iterable[Finding]) -> list[Finding]:
-    """The findings, one for all cameras of which several say the same after "NAME: "."""
+    """The findings, one for all cameras of which several say the same after "NAME: ".
+
+    A text of no camera may hold ": " as well: without others that end alike it stays as it is.
+    """
     names: dict[Finding, list[str]] = {}
     for finding in findings:
         name, colon, same = finding.text.partition(": ")
@@ -41,6 +44,6 @@ def merged_findings(findings: Iterable[Finding]) -> list[Finding]:
 
 def doubts_text(findings: Iterable[Finding]) -> str:
     """What is doubtful and what to do about it, a line for each; empty if nothing is."""
-    doubtful = [finding for finding in merged_findings(findings) if finding.level != "good"]
+    doubtful = [finding for finding in findings if finding.level != "good"]
     lines = [f"- {x.subject}: {x.text}. {x.remedy}".rstrip() for x in doubtful]
     return "\n".join([f"{len(doubtful)} doubtful:", *lines]) if doubtful else ""

@@ -18,34 +18,17 @@ def numbered_frames_findings(sources: Sequence[Source], timeline: Timeline) -> l
     """
     folders = [source for source in sources if not source.is_video]
     found, findings = timeline.numbers, []
-    if found.doubt and not found.common:
-        findings.append(
-            Finding(
-                "warn",
-                "sync",
-                "pictures at one place in their folders are taken to be of one time, but by the "
-                f"numbers in their names they may not be: {found.doubt}",
-                "If they are not, call pictures of one time alike in all folders.",
-            )
-        )
-    if found.from_zero_and_one:
-        findings.append(
-            Finding(
-                "warn",
-                "sync",
-                "pictures of one number are taken to be of one time, but pictures at one place "
-                f"may be, as one folder begins with 0 and another with 1: {found.doubt}",
-                "If they are, number the pictures of all folders from the same number on.",
-            )
-        )
+    text, remedy = found.open_question
+    if text:
+        findings.append(Finding("warn", "sync", text, remedy))
     remedy = "Photographs of a still scene belong in one folder, whatever their sizes."
     left = {s.name: s.count - len(np.unique(timeline.frames[s.name])) for s in folders}
-    if found.common and not found.is_order:
+    if found.common:
         count = len(found.common)
         why = f"all folders have {count} of the numbers in their names"
         if len(folders) == len(sources):
             # Others are the user's own choice of times.
-            left = {name: len(own) - count for name, own in found.numbers.items()}
+            left = {name: len(own) - count for name, own in found.times.items()}
         else:
             why += f", and {len(timeline.times)} times are used"
     else:

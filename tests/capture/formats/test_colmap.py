@@ -5,6 +5,7 @@ import films
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from colmaps import PINHOLE, H, W, model, pictures, pose, registered
 from scipy.spatial.transform import Rotation
 
 from gaussray.camera.camera import project
@@ -18,34 +19,10 @@ from gaussray.dataset.images import write_image
 
 # Single precision through lens and pose, in pixels.
 PIXELS = 2e-3
-W, H = 48, 32
-PINHOLE = {1: ("PINHOLE", W, H, (60.0, 62.0, 23.0, 17.0))}
 STATIC = pytest.mark.filterwarnings("ignore:.*the capture is taken as static")
 # A point of the world, and the numbers of a distorted camera.
 POINT = np.array([0.2, -0.3, 0.4])
 K = (0.05, -0.02, 0.003, -0.002, 0.01, 0.002, 0.001, -0.003)
-
-
-def pose(k):
-    """A camera at 4 from the origin that nearly looks at it: quaternion (wxyz) and translation."""
-    turn = Rotation.from_euler("yx", [0.3 * k, 0.1 * k])
-    return tuple(turn.as_quat()[[3, 0, 1, 2]]), (0.1 * k, -0.05, 4.0)
-
-
-def registered(*names, camera=1, moves=True):
-    return [(name, *pose(k if moves else 0), camera) for k, name in enumerate(names)]
-
-
-def model(folder, images, cameras=None, form="bin"):
-    colmaps.lay(folder / "sparse/0", cameras or PINHOLE, images, [((0, 0, 0), (9, 9, 9), 2)], form)
-    return folder
-
-
-def pictures(folder, *names, first=0):
-    """Frames that can be told from each other, by these names."""
-    shades = films.shades(first + len(names), W, H)[first:]
-    for name, shade in zip(names, shades, strict=True):
-        write_image(folder / name, shade)
 
 
 def seen(capture):

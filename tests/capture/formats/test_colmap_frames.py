@@ -1,39 +1,10 @@
 """Pictures of one time in a capture of COLMAP with a folder for each camera."""
 
-import colmaps
-import films
 import pytest
-from scipy.spatial.transform import Rotation
+from colmaps import model, pictures, registered
 
 from gaussray.capture.errors import CaptureWarning
 from gaussray.capture.formats.colmap import read_colmap
-from gaussray.dataset.images import write_image
-
-
-W, H = 48, 32
-PINHOLE = {1: ("PINHOLE", W, H, (60.0, 62.0, 23.0, 17.0))}
-
-
-def pose(k):
-    """A camera at 4 from the origin that nearly looks at it: quaternion (wxyz) and translation."""
-    turn = Rotation.from_euler("yx", [0.3 * k, 0.1 * k])
-    return tuple(turn.as_quat()[[3, 0, 1, 2]]), (0.1 * k, -0.05, 4.0)
-
-
-def registered(*names, camera=1, moves=True):
-    return [(name, *pose(k if moves else 0), camera) for k, name in enumerate(names)]
-
-
-def model(folder, images, cameras=None, form="bin"):
-    colmaps.lay(folder / "sparse/0", cameras or PINHOLE, images, [((0, 0, 0), (9, 9, 9), 2)], form)
-    return folder
-
-
-def pictures(folder, *names, first=0):
-    """Frames that can be told from each other, by these names."""
-    shades = films.shades(first + len(names), W, H)[first:]
-    for name, shade in zip(names, shades, strict=True):
-        write_image(folder / name, shade)
 
 
 def test_pictures_of_one_number_are_of_one_time(tmp_path):

@@ -18,6 +18,8 @@ def test_what_is_said_of_several_cameras_is_said_once():
 def test_remedies_are_told_with_what_is_doubtful():
     good = Finding("good", "points", "90 points")
     assert doubts_text([good]) == doubts_text([]) == ""
-    assert doubts_text([scaled("a"), good, scaled("b"), Finding("warn", "sync", "off")]) == (
+    assert doubts_text(
+        merged_findings([scaled("a"), good, scaled("b"), Finding("warn", "sync", "off")])
+    ) == (
         "2 doubtful:\n- lens: a, b: the calibration is of 8 x 6; it is scaled. Check.\n- sync: off."
     )
