@@ -7,6 +7,9 @@ from typing import NamedTuple
 # One camera has clearly more matches that do not fit than another if the difference is so large a
 # share of those of the pair of both (a guess).
 _CLEARLY = 0.5
+# Matches with which one pair alone shows that one of its cameras is wrong: repeated textures give
+# some dozens that agree with each other (experiments/captures/log.md).
+_ALONE = 100
 
 
 class JudgedPair(NamedTuple):
@@ -21,7 +24,7 @@ class JudgedPair(NamedTuple):
     fits: bool
 
 
-def odd_cameras(pairs: Mapping[tuple[str, str], JudgedPair], *, alone: int = 0) -> list[str]:
+def odd_cameras(pairs: Mapping[tuple[str, str], JudgedPair]) -> list[str]:
     """Names of few cameras without which all pairs fit; none if there are no such cameras, or if
     others would explain a pair about as well.
 
@@ -30,15 +33,14 @@ def odd_cameras(pairs: Mapping[tuple[str, str], JudgedPair], *, alone: int = 0) 
 
     * it has more of the former, and clearly more than the other camera of each such pair has,
       unless that one is taken out, too;
-    * it has two pairs that do not fit, or one of at least `alone` matches;
+    * it has two pairs that do not fit, or one of at least _ALONE matches;
     * most cameras stay, and a pair that fits.
 
-    A pair of fewer matches than `alone` counts only if one of its cameras has another one that does
+    A pair of fewer matches than that counts only if one of its cameras has another one that does
     not fit.
 
     Args:
         pairs: pairs of cameras, by name.
-        alone: fewest matches with which a pair alone shows that one of its cameras is wrong.
     """
     names = sorted({name for pair in pairs for name in pair})
     off = [name for pair, judged in pairs.items() if not judged.fits for name in pair]
@@ -46,7 +48,7 @@ def odd_cameras(pairs: Mapping[tuple[str, str], JudgedPair], *, alone: int = 0) 
     left = {
         pair: judged
         for pair, judged in pairs.items()
-        if judged.fits or judged.matches >= alone or max(map(off.count, pair)) > 1
+        if judged.fits or judged.matches >= _ALONE or max(map(off.count, pair)) > 1
     }
     while not all(pair.fits for pair in left.values()):
         score = dict.fromkeys(names, 0)
@@ -55,7 +57,7 @@ def odd_cameras(pairs: Mapping[tuple[str, str], JudgedPair], *, alone: int = 0) 
                 score[name] += -matches if fits else matches
         worst = max(names, key=lambda name: score[name])
         bad = [pair for pair, judged in left.items() if worst in pair and not judged.fits]
-        fewest = alone if len(bad) == 1 else 0
+        fewest = _ALONE if len(bad) == 1 else 0
         if score[worst] <= 0 or max(left[pair].matches for pair in bad) < fewest:
             return []
         rivals |= {

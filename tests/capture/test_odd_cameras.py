@@ -3,7 +3,7 @@
 from gaussray.capture.odd_cameras import JudgedPair, odd_cameras
 
 
-def odd(good="", bad="", matches=50):
+def odd(good="", bad="", matches=150):
     """The cameras that are named, of pairs written as two letters."""
     pairs = {(a, b): JudgedPair(matches, True) for a, b in good.split()}
     return odd_cameras(pairs | {(a, b): JudgedPair(matches, False) for a, b in bad.split()})
@@ -40,19 +40,17 @@ def judged(**pairs):
 
 
 def test_one_pair_alone_accuses_only_with_many_matches_and_where_the_other_camera_fits():
-    assert odd_cameras(judged(ab=-200, bc=50, ad=60, cd=50), alone=100) == []
     assert odd_cameras(judged(ab=-200, bc=50, ad=60, cd=50)) == []
-    assert odd_cameras(judged(ab=1000, ac=-30), alone=100) == []
-    assert odd_cameras(judged(ab=1000, ac=-30)) == ["c"]
-    assert odd_cameras(judged(ab=1000, ac=-150), alone=100) == ["c"]
-    assert odd_cameras(judged(ab=91, ad=31, bd=64, cd=-105), alone=100) == ["c"]
+    assert odd_cameras(judged(ab=1000, ac=-30)) == []
+    assert odd_cameras(judged(ab=1000, ac=-150)) == ["c"]
+    assert odd_cameras(judged(ab=91, ad=31, bd=64, cd=-105)) == ["c"]
 
 
 def test_a_pair_of_few_matches_that_accuses_nobody_acquits_nobody():
     pairs = judged(ab=90, bc=90, ae=90, ad=-90, bd=-90, ef=-30)
-    assert odd_cameras(pairs, alone=100) == ["d"]
-    assert odd_cameras(pairs | judged(ef=-150), alone=100) == ["d", "f"]
-    assert odd_cameras(judged(ab=-50, bc=-50, ca=-50, de=50), alone=100) == []
+    assert odd_cameras(pairs) == ["d"]
+    assert odd_cameras(pairs | judged(ef=-150)) == ["d", "f"]
+    assert odd_cameras(judged(ab=-50, bc=-50, ca=-50, de=50)) == []
 
 
 def test_nobody_is_named_where_others_explain_as_much_whatever_their_names():

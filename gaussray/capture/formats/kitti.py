@@ -30,7 +30,6 @@ _PAIRS = (
     {"image_2": 2, "image_3": 3},
     {"image_0": 0, "image_1": 1},
     {"image_l": 0, "image_r": 1},
-    {"image_left": 0, "image_right": 1},
 )
 _POSES_FILE, KITTI_CALIBRATION, _TIMES_FILE = "poses.txt", "calib.txt", "times.txt"
 _LABEL = re.compile(r"P(?:_rect_0)?(\d):\s*(.*)")

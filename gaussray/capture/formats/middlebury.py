@@ -9,11 +9,12 @@ import numpy as np
 from jaxtyping import DTypeLike
 
 from gaussray.capture.capture import Capture
+from gaussray.capture.errors import CaptureError
 from gaussray.capture.formats.completion import completed
 from gaussray.capture.formats.json_keys import Keys
+from gaussray.capture.formats.number_files import lens_of_matrix
 from gaussray.capture.formats.poses import opengl_pose
 from gaussray.capture.formats.sfm_project import (
-    FIRST_PIXEL,
     distinct_names,
     head_of,
     rotation_in,
@@ -98,16 +99,17 @@ def _frame(path: Path, index: int, line: str) -> Keys:
         raise keys.error("line", rule) from None
     if len(values) != _NUMBERS or not np.isfinite(values).all():
         raise keys.error("line", rule)
-    (fx, skew, cx), (zero, fy, cy), last = values[:9].reshape(3, 3)
-    if min(fx, fy) <= 0 or skew or zero or last.tolist() != [0, 0, 1]:
-        raise keys.error("line", "one whose K is [fx 0 cx; 0 fy cy; 0 0 1] with fx and fy above 0")
+    try:
+        lens = lens_of_matrix(keys, values[:9].reshape(3, 3))
+    except CaptureError:
+        rule = "one whose K is [fx 0 cx; 0 fy cy; 0 0 1] with fx and fy above 0"
+        raise keys.error("line", rule) from None
     turn = rotation_in(keys, "line", values[9:18].tolist()).T
     pose = opengl_pose(turn, -turn @ values[18:])
     return Keys(
         path,
         {
-            **{"file_path": name, "fl_x": float(fx), "fl_y": float(fy)},
-            **{"cx": float(cx) + FIRST_PIXEL, "cy": float(cy) + FIRST_PIXEL},
+            **{"file_path": name, **lens},
             **{"transform_matrix": pose.tolist(), "split": "train", "time": 0.0},
         },
         index,

@@ -21,7 +21,7 @@ from gaussray.io.safe.limits import within
 NEAREST, BRIDGED = 0.02, 0.1
 # No picture is later: in single precision such times would be infinite.
 _LATEST = 1e30
-# Positions, beyond which single precision overflows.
+# The farthest position. Its square is beyond single precision, the position itself is not.
 _FAR = 1e30
 # The least of a quaternion's length.
 _LEAST = 1e-30

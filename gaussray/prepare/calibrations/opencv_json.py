@@ -6,6 +6,11 @@ from typing import Any, NoReturn
 
 import numpy as np
 
+from gaussray.prepare.calibrations.distortions import (
+    common_distortions,
+    distortion_in,
+    distortions_in,
+)
 from gaussray.prepare.calibrations.known_camera import (
     Calibration,
     KnownCamera,
@@ -13,16 +18,21 @@ from gaussray.prepare.calibrations.known_camera import (
     opencv_camera,
     refuse_distortion,
 )
-from gaussray.prepare.calibrations.lens_labels import DISTORTION_MODELS, is_fisheye, labels_in
+from gaussray.prepare.calibrations.lens_labels import (
+    DISTORTION_MODELS,
+    LABEL_MEANINGS,
+    is_fisheye,
+    labels_in,
+)
+from gaussray.prepare.calibrations.opencv_numbers import numbers_under
 from gaussray.prepare.calibrations.opencv_pose import (
     NO_POSE,
     POSE_REMEDY,
     found_pose,
-    numbers_under,
     say_poses,
     world_to_camera,
 )
-from gaussray.prepare.calibrations.picture_sizes import SMALLEST, sides_in, sizes_in
+from gaussray.prepare.calibrations.picture_sizes import SMALLEST, sides_in, size_in, sizes_in
 from gaussray.prepare.calibrations.value_names import VALUE_NAMES, plain_key
 from gaussray.prepare.errors import PrepareError
 
@@ -112,34 +122,44 @@ def _listed(path: Path, content: Any) -> dict[str, dict[str, Any]]:
 
 
 def common_values(content: Any) -> dict[str, Any]:
-    """What a file says beside its cameras of all: the size of pictures and the lens's model. A
-    plain `size`, or `width` and `height`, of small numbers is a chessboard's, and not of these."""
+    """What a file says beside its cameras of all: the lens's model and distortion, and the size of
+    pictures if it is two whole numbers. A plain `size`, or `width` and `height`, of small numbers
+    is a chessboard's, and not of these."""
     if not isinstance(content, Mapping):
         return {}
-    sizes, labels = sizes_in(content), labels_in(content)
+    labels = labels_in(content)
     labels = {key: value for key, value in labels.items() if not isinstance(value, Mapping)}
-    plain = ("size", *_PLAIN_SIDES)
-    named = {key: value for key, value in sizes.items() if plain_key(key) not in plain}
-    if named:
-        return {**labels, **named}
-    for keys in (("size",), _PLAIN_SIDES):
-        some = {key: value for key, value in sizes.items() if plain_key(key) in keys}
+    result = {**labels, **common_distortions(content)}
+    sizes = sizes_in(content)
+    named = {key for key in sizes if plain_key(key) not in ("size", *_PLAIN_SIDES)}
+    plain = {key for key in sizes if plain_key(key) == "size"}
+    for keys, least in ((named, 1), (plain, SMALLEST), (sizes.keys() - named - plain, SMALLEST)):
+        some = {key: value for key, value in sizes.items() if key in keys}
         found = numbers_under(some, VALUE_NAMES["size"], (2,))
-        if min(sides_in(some) if found is None else found[1]) >= SMALLEST:
-            return {**labels, **some}
-    return labels
+        size = [float(side) for side in (sides_in(some) if found is None else found[1])]
+        if min(size) >= least and all(side.is_integer() for side in size):
+            return {**result, "size": size}
+    return result
 
 
 def with_common(camera: Mapping[str, Any], common: Mapping[str, Any]) -> dict[str, Any]:
-    """The values of a camera, and those of all cameras where it has none of its own.
+    """The values of a camera, and those of all cameras for each meaning (size, distortion, its
+    model, the camera's, fisheye) of which it says nothing.
 
     Args:
         camera: the camera's values by key.
         common: values of all (`common_values`).
     """
-    own = {**sizes_in(camera), **labels_in(camera)}
-    kinds = [names for names in (sizes_in, labels_in) if not names(own)]
-    return {**{key: value for names in kinds for key, value in names(common).items()}, **camera}
+    result = dict(camera)
+    for names in (sizes_in, distortions_in, *LABEL_MEANINGS):
+        own, others = names(camera), names(common)
+        if others and not any(map(_is_said, own.values())):
+            result = {key: value for key, value in result.items() if key not in own} | others
+    return result
+
+
+def _is_said(value: Any) -> bool:
+    return value is not None and not (isinstance(value, str) and not value.strip())
 
 
 def _by_camera(content: Any) -> dict[str, dict[str, Any]]:
@@ -170,6 +190,8 @@ def read_opencv_camera(path: Path, name: object, content: Mapping[str, Any]) -> 
     """
     matrix, pose = numbers_under(content, VALUE_NAMES["matrix"], (9,)), found_pose(content)
     assert matrix is not None and pose is not None
+    where = f"{path}, camera {name}"
+    distortion = distortion_in(where, content)
     read = {*VALUE_NAMES["distortion"], *DISTORTION_MODELS}
     unread = [key for key in content if plain_key(key) not in read]
     refuse_distortion(path, name, unread)
@@ -177,45 +199,11 @@ def read_opencv_camera(path: Path, name: object, content: Mapping[str, Any]) -> 
         path,
         check_name(path, name),
         matrix[1].reshape(3, 3),
-        _distortion(path, name, content),
+        distortion if len(distortion) else np.zeros(4),
         world_to_camera(path, name, pose),
-        _size(path, name, content),
-        fisheye=is_fisheye(f"{path}, camera {name}", content),
+        size_in(where, content),
+        fisheye=is_fisheye(where, content),
     )
-
-
-def _distortion(path: Path, name: object, content: Mapping[str, Any]) -> np.ndarray:
-    """The coefficients of the first key of distortion that has any; zeros if none has."""
-    for key, value in content.items():
-        if plain_key(key) not in VALUE_NAMES["distortion"]:
-            continue
-        flag = isinstance(value, bool | np.bool_)
-        empty = value is None or ((flag or isinstance(value, str | list | dict)) and not value)
-        try:
-            numbers = np.array([] if empty else "" if flag else value, np.float64).ravel()
-        except (ValueError, TypeError, OverflowError):
-            numbers = np.array([np.nan])
-        if not np.isfinite(numbers).all():
-            raise PrepareError(
-                f"{path}: {key} of camera {name} must be numbers (OpenCV's k1 k2 p1 p2 k3), got "
-                f"{str(value)[:80]}. Correct or remove it."
-            )
-        if numbers.size:
-            return numbers
-    return np.zeros(4)
-
-
-def _size(path: Path, name: object, content: Mapping[str, Any]) -> tuple[float, float]:
-    """Columns and rows; 0 if the camera does not say them."""
-    given = {key: value for key, value in sizes_in(content).items() if value is not None}
-    found = numbers_under(given, VALUE_NAMES["size"], (2,))
-    size = sides_in(content) if found is None else found[1]
-    if given and not any(size):
-        raise PrepareError(
-            f"{path}: the size of camera {name} must be two whole numbers (columns and rows), got "
-            f"{str(given)[:80]}. Correct or remove it."
-        )
-    return float(size[0]), float(size[1])
 
 
 def _has_matrix(content: Any) -> bool:

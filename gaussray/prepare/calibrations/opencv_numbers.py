@@ -1,10 +1,13 @@
 """Checks of the numbers that calibrations around OpenCV hold under a key."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
+
+from gaussray.prepare.calibrations.value_names import VALUE_NAMES, plain_key
+from gaussray.prepare.errors import PrepareError
 
 
 # OpenCV's numbers of distortion coefficients.
@@ -36,6 +39,77 @@ def finite_numbers(value: Any, counts: Sequence[int]) -> Float[np.ndarray, " n"]
     if not np.isfinite(numbers).all():
         raise ValueError(f"{wanted}, got {numbers.tolist()}")
     return numbers
+
+
+def numbers_under(
+    values: Mapping[str, Any], names: Iterable[str], counts: tuple[int, ...]
+) -> tuple[str, Float[np.ndarray, " n"]] | None:
+    """The first key of some names that has so many finite numbers, and these; None if none has.
+
+    Args:
+        values: values by key.
+        names: plain keys (`plain_key`).
+        counts: how many numbers there may be.
+    """
+    for key, value in values.items():
+        if plain_key(key) in names:
+            try:
+                return str(key), finite_numbers(plain_value(value), counts)
+            except ValueError:
+                continue
+    return None
+
+
+def agreed_numbers(
+    where: str, values: Mapping[str, Any], what: str, counts: tuple[int, ...]
+) -> Float[np.ndarray, " n"]:
+    """The numbers under the keys of one meaning, of which those with other counts are another
+    thing; empty if there are no keys, or nothing under them.
+
+    Args:
+        where: the file, and the camera in it, for messages.
+        values: values by key.
+        what: the meaning (`VALUE_NAMES`).
+        counts: how many numbers there may be.
+
+    Raises:
+        PrepareError: No key has such numbers, or those of two keys differ.
+    """
+    found: dict[str, np.ndarray] = {}
+    complaint = ""
+    for key, given in values.items():
+        value = plain_value(given)
+        if plain_key(key) not in VALUE_NAMES[what] or _is_nothing(value):
+            continue
+        try:
+            found[str(key)] = finite_numbers(value, counts)
+        except ValueError as error:
+            complaint = complaint or f"{where}: {key} {error}"
+    if complaint and not found:
+        raise PrepareError(f"{complaint}. Correct or remove it.")
+    for key, numbers in found.items():
+        first = next(iter(found))
+        if not np.array_equal(numbers, found[first]):
+            raise PrepareError(
+                f"{where}: {first} and {key} must not differ, because both are the {what}. Keep "
+                "one of them."
+            )
+    return next(iter(found.values()), np.zeros(0))
+
+
+def plain_value(value: Any) -> Any:
+    """A value, or the `data` of a block with `rows`, `cols` and `data`, as ROS, and OpenCV in JSON,
+    write a matrix."""
+    return value["data"] if isinstance(value, Mapping) and "data" in value else value
+
+
+def _is_nothing(value: Any) -> bool:
+    """Whether a value says nothing. A block is no numbers."""
+    if isinstance(value, str):
+        return value in ("", "null")
+    if value is None or isinstance(value, bool | np.bool_ | Mapping):
+        return not isinstance(value, bool | np.bool_) or not value
+    return isinstance(value, list | np.ndarray) and not len(np.ravel(np.array(value, object)))
 
 
 def checked_rotation(values: Float[np.ndarray, " 9"]) -> Float[np.ndarray, "3 3"]:

@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from gaussray.prepare.calibrations.opencv_numbers import finite_numbers
-from gaussray.prepare.calibrations.value_names import VALUE_NAMES, plain_key
+from gaussray.prepare.calibrations.opencv_numbers import numbers_under
+from gaussray.prepare.calibrations.value_names import VALUE_NAMES
 from gaussray.prepare.errors import PrepareError
 from gaussray.runtime.progress import say
 
@@ -57,25 +57,6 @@ def found_pose(values: Mapping[str, Any]) -> FoundPose | None:
         found = numbers_under(values, names, (12, 16))
         if found is not None:
             return FoundPose(*found, inverse)
-    return None
-
-
-def numbers_under(
-    values: Mapping[str, Any], names: Iterable[str], counts: tuple[int, ...]
-) -> tuple[str, Float[np.ndarray, " n"]] | None:
-    """The first key of some names that has so many finite numbers, and these; None if none has.
-
-    Args:
-        values: values by key.
-        names: plain keys (`plain_key`).
-        counts: how many numbers there may be.
-    """
-    for key, value in values.items():
-        if plain_key(key) in names:
-            try:
-                return str(key), finite_numbers(value, counts)
-            except ValueError:
-                continue
     return None
 
 

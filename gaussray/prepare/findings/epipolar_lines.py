@@ -21,9 +21,6 @@ from gaussray.prepare.poses import Placement
 # Pixels, for each 1000 pixels of width, above which epipolar errors are doubtful or, with known
 # cameras, show another calibration.
 DOUBTFUL_LINES, WRONG_LINES = 3.0, 25.0
-# Matches with which one pair alone shows that a camera is wrong: repeated textures give some dozens
-# that are all wrong.
-_ALONE = 100
 # A pair contradicts others if it is so many times as far off as these, and so many pixels.
 _FARTHER, _LEAST = 3.0, 1.0
 # Pairs of a camera that are listed, at most.
@@ -104,7 +101,7 @@ def _contradicting(
     judged = {
         files: JudgedPair(pair.matches, pair.median <= limit) for files, pair in distances.items()
     }
-    odd = sorted(odd_cameras(judged, alone=_ALONE), key=placement.model.pictures.index)
+    odd = sorted(odd_cameras(judged), key=placement.model.pictures.index)
     texts = []
     for file in odd:
         off = {b if a == file else a: distances[a, b].median

@@ -19,6 +19,8 @@ CAMERA = {
 }
 FISHEYES = [
     {"fisheye": True},
+    {"fisheye": "true"},
+    {"fisheye": " Yes"},
     {"fisheye_model": 1},
     {"camera_model": "OPENCV_FISHEYE"},
     {"distortion_model": "equidistant"},
@@ -29,6 +31,9 @@ PINHOLES = [
     {"camera_model": "FULL_OPENCV"},
     {"camera_model": "pinhole", "distortion_model": "plumb_bob"},
     {"distortion_model": None},
+    {"distortion_model": "brown_conrady"},
+    {"fisheye": "false"},
+    *({"camera_model": name} for name in ("perspective", "SIMPLE_PINHOLE", "rectilinear")),
 ]
 
 
@@ -56,16 +61,39 @@ def test_a_fisheye_is_known_by_its_label(tmp_path, label):
 
 @pytest.mark.parametrize("label", FISHEYES)
 def test_a_label_at_the_top_is_of_all_cameras_without_their_own(tmp_path, label):
-    cameras = {"a": CAMERA, "b": {**CAMERA, "camera_model": "pinhole"}}
+    (key,) = label
+    own = {key: "none" if key.endswith(("model", "models")) and "fish" not in key else False}
+    cameras = {"a": CAMERA, "b": {**CAMERA, **own}, "c": {**CAMERA, key: None}}
     by_value = {key: {"a": value} for key, value in CAMERA.items()}
     path = tmp_path / "a.json"
     check(read_calibration(write(path, {**by_value, **label})).cameras)
     for content in ({**cameras, **label}, {"cameras": cameras, **label}):
-        first, second = read_calibration(write(path, content)).cameras
-        check([first])
+        first, second, third = read_calibration(write(path, content)).cameras
+        check([first, third])
         check([second], fisheye=False)
-        lenses = read_lenses(path)
-        assert lenses == {"a": first.lens, "b": second.lens}
+        assert read_lenses(path) == {"a": first.lens, "b": second.lens, "c": third.lens}
+
+
+@pytest.mark.parametrize("own", [{"camera_model": "pinhole"}, {"camera_model": None}])
+def test_a_label_of_another_meaning_leaves_that_of_all(tmp_path, own):
+    content = {"distortion_model": "equidistant", "cameras": {"a": {**CAMERA, **own}}}
+    (one,) = read_calibration(write(tmp_path / "a.json", content)).cameras
+    check([one])
+    assert read_lenses(tmp_path / "a.json") == {"a": one.lens}
+
+
+@pytest.mark.parametrize(
+    ("label", "message"),
+    [
+        ({"fisheye": "maybe"}, "a: fisheye must be true or false, got maybe"),
+        ({"fisheye": True, "distortion_model": "radtan"}, "fisheye: true with the model radtan"),
+        ({"fisheye": False, "distortion_model": "equi"}, "fisheye: false with the model equi"),
+        ({"fisheye": 0, "camera_model": "fisheye"}, "fisheye: false with the model fisheye"),
+    ],
+)
+def test_labels_that_say_neither_or_both_are_refused(label, message):
+    with pytest.raises(PrepareError, match=message):
+        is_fisheye("a", label)
 
 
 @pytest.mark.parametrize("label", PINHOLES)
@@ -73,7 +101,7 @@ def test_other_labels_are_pinholes(tmp_path, label):
     check(read_calibration(write(tmp_path / "a.json", {"a": {**CAMERA, **label}})).cameras, False)
 
 
-@pytest.mark.parametrize("value", [{}, [], [[1], [2, 3]], [1, 1], "true", None])
+@pytest.mark.parametrize("value", [{}, [], [[1], [2, 3]], [1, 1], "", None])
 def test_a_label_of_another_kind_says_no_fisheye(value):
     assert not is_fisheye("a", {"fisheye": value})
 

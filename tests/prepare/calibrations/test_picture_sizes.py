@@ -9,7 +9,8 @@ from quads import arc
 
 from gaussray.prepare.calibrations.assign import assign_cameras
 from gaussray.prepare.calibrations.known_camera import Calibration
-from gaussray.prepare.calibrations.picture_sizes import sides_in, sizes_in
+from gaussray.prepare.calibrations.lens_file import read_lenses
+from gaussray.prepare.calibrations.picture_sizes import sides_in, size_in, sizes_in
 from gaussray.prepare.calibrations.read import read_calibration
 from gaussray.prepare.calibrations.resized import resized_lens
 from gaussray.prepare.errors import PrepareError
@@ -82,10 +83,10 @@ def test_plain_words_at_the_top_are_a_size_unless_they_are_small(tmp_path, said,
 @pytest.mark.parametrize(
     ("said", "message"),
     [
-        ({"imgSize": [640, float("nan")]}, "size of camera cam1 must be two whole numbers"),
-        ({"image_size": [640, 480, 3]}, "size of camera cam1 must be two whole numbers"),
-        ({"img_size": [10**400, 480]}, "size of camera cam1 must be two whole numbers"),
-        ({"image_width": 640}, "must be two whole numbers from 1 to 1000000 .* 640 x 0"),
+        ({"imgSize": [640, float("nan")]}, "camera cam1: imgSize must be 2 finite numbers"),
+        ({"image_size": [640, 480, 3]}, "camera cam1: image_size must be 2 finite numbers"),
+        ({"img_size": [10**400, 480]}, "camera cam1: img_size must be 2 finite numbers"),
+        ({"image_width": 640}, "the size must be two whole numbers .*640"),
         ({"image_width": -640, "image_height": 480}, "from 1 to 1000000 .* got -640 x 480"),
         ({"imgSize": [1e300, 480]}, "from 1 to 1000000 .* got 1e.300 x 480"),
     ],
@@ -100,6 +101,40 @@ def test_sides_are_found_among_other_values():
     assert sides_in(values) == (640, 480)
     assert list(sizes_in(values)) == ["imageWidth", "h", "height"]
     assert sides_in({"K": MATRIX}) == (0, 0)
+
+
+@pytest.mark.parametrize("top", [{"resolution": 0.5}, {"resolution": "1080p"}, {"image_size": ""}])
+def test_a_size_at_the_top_that_is_not_two_whole_numbers_is_none(tmp_path, top):
+    path = tmp_path / "a.json"
+    camera = {"K": MATRIX, "R": np.eye(3).tolist(), "t": [0, 0, 1]}
+    for more, size in (({}, (0, 0)), ({"width": 640, "height": 480}, (640, 480))):
+        path.write_text(json.dumps({"a": camera, **top, **more}))
+        (one,) = read_calibration(path).cameras
+        for lens in (one.lens, read_lenses(path)["a"]):
+            assert (lens["w"], lens["h"]) == size
+
+
+def test_a_size_of_null_beside_that_of_all_is_none(tmp_path):
+    path = tmp_path / "a.json"
+    camera = {"K": MATRIX, "R": np.eye(3).tolist(), "t": [0, 0, 1], "size": None}
+    path.write_text(json.dumps({"a": camera, "size": [640, 480]}))
+    (one,) = read_calibration(path).cameras
+    for lens in (one.lens, read_lenses(path)["a"]):
+        assert (lens["w"], lens["h"]) == (640, 480)
+
+
+def test_a_size_is_one_of_two_sides_for_poses_and_for_lenses(tmp_path):
+    path = tmp_path / "a.json"
+    camera = {"K": MATRIX, "R": np.eye(3).tolist(), "t": [0, 0, 1], "width": 640}
+    path.write_text(json.dumps({"a": camera}))
+    for reader in (read_calibration, read_lenses):
+        with pytest.raises(PrepareError, match="camera a: the size must be two whole numbers"):
+            reader(path)
+    assert size_in("a", {"width": 640, "height": 480, "size": 0.025}) == (640, 480)
+    assert size_in("a", {"size": {"rows": 1, "data": [640, 480]}}) == (640, 480)
+    assert size_in("a", {"size": None}) == (0, 0)
+    with pytest.raises(PrepareError, match="size and image_size must not differ"):
+        size_in("a", {"size": [640, 480], "image_size": [64, 48]})
 
 
 @pytest.mark.parametrize(("scale", "sides"), [(2, "1280 x 960"), (0.5, "320 x 240")])

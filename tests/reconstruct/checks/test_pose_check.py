@@ -205,7 +205,7 @@ def one_turned(index, degrees):
     return lambda pose: (pose @ turn if next(count) == index else pose) @ FLIP
 
 
-@pytest.mark.parametrize("index", [0, 3])
+@pytest.mark.parametrize("index", [1, 2])
 def test_a_camera_that_was_turned_is_named_and_the_others_fit(shown, index):
     pictures = shown(f"turned{index}", one_turned(index, 4))
     sentence = odd_views_sentence(PosedViews(pictures))
@@ -216,18 +216,23 @@ def test_a_camera_that_was_turned_is_named_and_the_others_fit(shown, index):
 
 
 def test_a_camera_of_its_own_name_can_be_held_out(shown):
-    pictures = shown("named", one_turned(3, 4))
+    pictures = shown("named", one_turned(2, 4))
     names = np.array([f"cam{k}" for k in range(len(pictures.name))])
     sentence = odd_views_sentence(PosedViews(dataclasses.replace(pictures, name=names)))
-    assert "those of cam3 lie " in sentence and "pixels off with cam2" in sentence
-    assert sentence.endswith("capture.test=['cam3'].")
+    assert "those of cam2 lie " in sentence and "pixels off with cam1" in sentence
+    assert sentence.endswith("capture.test=['cam2'].")
+
+
+def test_one_pair_of_few_matches_names_no_camera(shown):
+    # Cameras at the ends of the row share details with one other camera alone.
+    assert odd_views_sentence(PosedViews(shown("end", one_turned(3, 4)))) == ""
 
 
 def test_no_camera_is_named_where_all_fit_or_matches_are_of_things_that_look_alike(
     shown, monkeypatch
 ):
     assert odd_views_sentence(PosedViews(shown("fit", WRITTEN[""]))) == ""
-    turned = PosedViews(shown("alike", one_turned(3, 4)))
+    turned = PosedViews(shown("alike", one_turned(2, 4)))
     matched = turned.matches
 
     def mixed(pairs):
@@ -235,7 +240,7 @@ def test_no_camera_is_named_where_all_fit_or_matches_are_of_things_that_look_ali
         for match in matched(pairs):
             count = len(match.other.ray)
             order = np.random.default_rng(0).permutation(count)
-            odd = 3 in (match.first, match.second)
+            odd = 2 in (match.first, match.second)
             yield match._replace(other=match.other.part(order)) if odd else match
 
     monkeypatch.setattr(turned, "matches", mixed)
