@@ -36,9 +36,12 @@ def prepare(source: Path, out: Path, scale: float, hold: int, background: str) -
     held out, and alpha composited over the background."""
     chosen = Selection(scale=scale)
     views = open_capture(source, background=background, selection=chosen).views
+    views = sorted(views, key=lambda view: view.image)
+    alike = len({view.image.stem for view in views}) < len(views)
     records = []
-    for i, view in enumerate(sorted(views, key=lambda view: view.image)):
-        name = f"images/{view.image.stem}.png"
+    for i, view in enumerate(views):
+        # Cameras may name their pictures alike, each in a folder of its own.
+        name = f"images/{i:05d}.png" if alike else f"images/{view.image.stem}.png"
         (out / name).parent.mkdir(parents=True, exist_ok=True)
         write_image(out / name, srgb_levels(read_encoded(view)))
         split = "train" if i % hold else "test"

@@ -1,12 +1,10 @@
-"""Masks of photographs: which file beside the pictures it is, and where it goes in a capture."""
+"""Masks of pictures: which file beside the pictures it is, and where it goes in a capture."""
 
 import functools
-import re
 import shutil
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from shlex import quote
 
 import numpy as np
 from jaxtyping import UInt8
@@ -15,20 +13,24 @@ from gaussray.capture.errors import CaptureWarning
 from gaussray.capture.mask_folder import MASK_FOLDER, mask_in
 from gaussray.capture.orientation import stored_orientation, upright_pixels
 from gaussray.capture.picture_file import open_image, picture_size, read_levels
-from gaussray.capture.videos import VIDEO_SUFFIXES
+from gaussray.capture.videos import VIDEO_SUFFIXES, frame_of
 from gaussray.dataset.images import write_image
 from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.input_files import files_in
 from gaussray.prepare.photographs import HEIC_SUFFIXES, PHOTOGRAPH_SUFFIXES
 from gaussray.prepare.sources import Source
 from gaussray.prepare.timeline import Timeline
-from gaussray.runtime.output import counted, first_of
+from gaussray.prepare.unused_inputs import MASK_MARK
+from gaussray.prepare.video_masks import (
+    MASK_FOLDERS,
+    black_and_white,
+    masks_of_video,
+    write_video_masks,
+)
+from gaussray.runtime.output import counted
 from gaussray.runtime.progress import say
 
 
-_FOLDERS = (MASK_FOLDER, "mask")
-# What a mask may have behind the name of its picture: a_mask.png, a.mask.png.
-_MARK = re.compile(r"[ ._-]masks?$")
 # The masks of a folder by the names of their pictures without suffix, in small letters.
 MarkedMasks = dict[str, Path]
 
@@ -40,12 +42,12 @@ def copy_masks(
     *,
     needed: bool = False,
 ) -> None:
-    """Put the masks of photographs into a capture, as `masks/CAMERA/a.jpg.png` of
-    `images/CAMERA/a.jpg`, upright as the pictures are; white pixels count.
+    """Put the masks of pictures into a capture, as `masks/CAMERA/a.jpg.png` of
+    `images/CAMERA/a.jpg`, upright as the pictures are, and as `masks/CAMERA/0003.png` of frame 3 of
+    a video; white pixels count.
 
     A line says how many pictures have one, a warning how many masks have another size than their
-    picture, which are left out, or that a folder of masks has none of these pictures or is of a
-    video, whose masks are not read.
+    photograph, which are left out, or that a folder of masks has none of these pictures.
 
     Args:
         sources: the cameras.
@@ -54,18 +56,19 @@ def copy_masks(
         needed: whether there must be a mask (`poses.masks`).
 
     Raises:
-        PrepareError: A mask is needed, and no picture has one.
+        PrepareError: A mask is needed, and no picture has one; or those of a video do not fit it.
     """
-    _warn_of_masks_of_videos(sources)
     found, wrong, count = 0, [], 0
     # Pictures of one folder have names of their own, also if these say several cameras.
     alone = len({path.parent for source in sources for path in source.pictures}) == 1
     alone = alone and not any(source.is_video for source in sources)
     marked = functools.cache(marked_masks)
     for source in sources:
+        if source.is_video:
+            masks = _copy_video_masks(source, timeline.frames[source.name], files[source.name])
+            found, count = found + masks, count + len(files[source.name])
+            continue
         for i, copy in zip(timeline.frames[source.name], files[source.name], strict=True):
-            if source.is_video:
-                continue
             target = written_mask(copy)
             mask = mask_of(source.pictures[i], alone=alone, marked=marked)
             levels = None if mask is None else _levels(mask, source.pictures[i], copy)
@@ -90,33 +93,17 @@ def copy_masks(
         _tell_none(sources, alone, needed, bool(wrong))
 
 
-def _warn_of_masks_of_videos(sources: Sequence[Source]) -> None:
-    """Warn of folders of masks that belong to videos: beside a video that is alone in its folder,
-    or of the camera's name in a folder of masks."""
-    found: dict[Path, Source] = {}
-    for source in (source for source in sources if source.is_video):
-        home = source.path.parent
-        alone = len(files_in(home, VIDEO_SUFFIXES)) == 1
-        places = [home / name for name in _FOLDERS] if alone else []
-        places += [up / name / source.name for up in (home, home.parent) for name in _FOLDERS]
-        for place in places:
-            if place.is_dir() and files_in(place, PHOTOGRAPH_SUFFIXES):
-                found.setdefault(place, source)
-    if found:
-        place, source = next(iter(found.items()))
-        inner = source.path.stem != source.name
-        folder = source.path.parent if inner else source.path.with_suffix("")
-        # In the name of numbered files, ffmpeg takes %% for %.
-        frames = f"{str(folder).replace('%', '%%')}/%06d.png"
-        warnings.warn(
-            f"{first_of([str(path) for path in found])}: masks are not read with videos. To use "
-            "masks, write the frames of each video as pictures into a folder of its camera, "
-            f"`mkdir -p {quote(str(folder))} && ffmpeg -i {quote(str(source.path))} "
-            f"-fps_mode passthrough {quote(frames)}`, move the video out of the input, and call "
-            "the masks as the pictures.",
-            CaptureWarning,
-            stacklevel=3,
-        )
+def _copy_video_masks(source: Source, frames: np.ndarray, files: Sequence[Path]) -> int:
+    """Put the masks of the used frames of a video into a capture, and count them."""
+    targets = {int(i): written_mask(copy) for i, copy in zip(frames, files, strict=True)}
+    masks = masks_of_video(source)
+    for target in targets.values():
+        # Of an earlier run.
+        target.unlink(missing_ok=True)
+    if masks is None:
+        return 0
+    write_video_masks(source, masks, targets)
+    return len(files)
 
 
 def _tell_none(sources: Sequence[Source], alone: bool, needed: bool, wrong: bool) -> None:
@@ -132,17 +119,19 @@ def _tell_none(sources: Sequence[Source], alone: bool, needed: bool, wrong: bool
     expected = None if first is None else _expected_mask(first, alone)
     if needed:
         remedy = (
-            "Videos have none: write their frames as pictures, or set poses.masks=false."
+            _video_remedy(sources[0])
             if expected is None
             else f"The mask of {first} would be {expected}. Put it there, or set poses.masks=false."
         )
         reason = "none of the size of its picture" if wrong else "none"
         raise PrepareError(f"poses.masks=true needs masks of the pictures, got {reason}. {remedy}")
+    if expected is None:
+        _tell_other_videos(sources)
     if expected is None or wrong:
         return
     # Files of several cameras may lie beside the folder of this one's masks.
     further = expected.parent.parent
-    homes = [expected.parent, *([further] if further.name in _FOLDERS else [])]
+    homes = [expected.parent, *([further] if further.name in MASK_FOLDERS else [])]
     homes = [home for home in homes if home.is_dir()]
     if masks := [path for home in homes for path in files_in(home, PHOTOGRAPH_SUFFIXES)]:
         warnings.warn(
@@ -153,11 +142,34 @@ def _tell_none(sources: Sequence[Source], alone: bool, needed: bool, wrong: bool
         )
 
 
+def _video_remedy(source: Source) -> str:
+    """Where the masks of a video would be."""
+    place = source.path.parent / MASK_FOLDER / source.name
+    return (
+        f"Those of {source.path} would be {place}{source.path.suffix} (as many frames) or pictures "
+        f"in {place}/ (one for each frame). Put them there, or set poses.masks=false."
+    )
+
+
+def _tell_other_videos(sources: Sequence[Source]) -> None:
+    """Warn of videos of masks that have the name of no camera."""
+    homes = {source.path.parent / name: source for source in sources for name in MASK_FOLDERS}
+    for home, source in homes.items():
+        if home.is_dir() and (videos := files_in(home, VIDEO_SUFFIXES)):
+            warnings.warn(
+                f"{home}: no video has the name of {videos[0].name}, so no mask is used. That of "
+                f"{source.path} would be {home / source.path.name}.",
+                CaptureWarning,
+                stacklevel=4,
+            )
+            return
+
+
 def _expected_mask(picture: Path, alone: bool) -> Path:
     """A file that would be the mask of a picture, in the folder of masks that there is."""
     camera = picture.parent
-    homes = [place / name for place in (camera, camera.parent) for name in _FOLDERS]
-    homes += [] if alone else [camera.parent.parent / name for name in _FOLDERS]
+    homes = [place / name for place in (camera, camera.parent) for name in MASK_FOLDERS]
+    homes += [] if alone else [camera.parent.parent / name for name in MASK_FOLDERS]
     default = camera.parent / MASK_FOLDER
     home = next((home for home in homes if home.is_dir() and home != camera), default)
     if not alone and home.parent != camera:
@@ -167,13 +179,14 @@ def _expected_mask(picture: Path, alone: bool) -> Path:
 
 def written_mask(copy: Path) -> Path:
     """Where the mask of a picture of a capture is, if it has one: that of `images/cam01/a.jpg` is
-    `masks/cam01/a.jpg.png`. Frames of videos have none.
+    `masks/cam01/a.jpg.png`, that of frame 3 of `videos/cam01.mp4` is `masks/cam01/0003.png`.
 
     Args:
         copy: the picture (`copy_media`).
     """
     camera = copy.parent
-    return camera.parent.with_name(MASK_FOLDER) / camera.name / f"{copy.name}.png"
+    name = camera.stem if frame_of(copy) else camera.name
+    return camera.parent.with_name(MASK_FOLDER) / name / f"{copy.name}.png"
 
 
 def write_matching_masks(
@@ -214,8 +227,8 @@ def marked_masks(folder: Path) -> MarkedMasks:
     # Of several of one picture a PNG counts first: a JPEG blurs the border.
     for path in sorted(files, key=lambda path: path.suffix.lower() != ".png"):
         stem = path.stem.lower()
-        if _MARK.search(stem):
-            found.setdefault(_MARK.sub("", stem), path)
+        if MASK_MARK.search(stem):
+            found.setdefault(MASK_MARK.sub("", stem), path)
     return found
 
 
@@ -236,10 +249,10 @@ def mask_of(
         marked: `marked_masks`, or the same with a memory, for many pictures of one folder.
     """
     camera = picture.parent
-    homes = [camera.parent / name / camera.name for name in _FOLDERS]
-    homes += [camera.parent.parent / name / camera.name for name in _FOLDERS]
-    homes += [camera / name for name in _FOLDERS]
-    homes += [camera.parent / name for name in _FOLDERS if alone]
+    homes = [camera.parent / name / camera.name for name in MASK_FOLDERS]
+    homes += [camera.parent.parent / name / camera.name for name in MASK_FOLDERS]
+    homes += [camera / name for name in MASK_FOLDERS]
+    homes += [camera.parent / name for name in MASK_FOLDERS if alone]
     names = picture.stem.lower(), picture.name.lower()
     for home in (home for home in homes if home != camera):
         if (mask := mask_in(home, picture.name)) is not None:
@@ -258,5 +271,4 @@ def _levels(mask: Path, picture: Path, copy: Path) -> UInt8[np.ndarray, "h w 3"]
         levels = upright_pixels(levels, stored_orientation(open_image(picture).spec()))
     if levels.shape[1::-1] != wanted:
         return None
-    white = levels.max(axis=-1, keepdims=True) >= 128
-    return np.broadcast_to(np.where(white, 255, 0).astype(np.uint8), levels.shape)
+    return black_and_white(levels)

@@ -25,6 +25,7 @@ from gaussray.prepare.names_of_cameras import pictures_by_camera
 from gaussray.prepare.panels.find import warn_of_panels
 from gaussray.prepare.photographs import PHOTOGRAPH_SUFFIXES, photograph_size
 from gaussray.prepare.unused_inputs import (
+    camera_videos,
     check_one_video,
     tell_deeper,
     warn_of_unused,
@@ -112,7 +113,8 @@ def find_sources(folder: Path | str) -> list[Source]:
     folder that holds nothing but pictures, or a single folder of pictures, is one camera; these may
     have several sizes. If the names of its pictures say cameras and times, as
     `cam_0_img_0008.jpg` does, it is these cameras. Pictures beside subfolders are used if they are
-    more than those in them. A warning tells which are not.
+    more than those in them. A warning tells which are not. `cam0_mask.mp4` beside `cam0.mp4` holds
+    its masks, and is no camera.
 
     Raises:
         FileNotFoundError: The folder does not exist.
@@ -128,7 +130,7 @@ def find_sources(folder: Path | str) -> list[Source]:
         )
     if not folder.is_dir():
         raise FileNotFoundError(f"videos={folder}: the folder does not exist.")
-    videos, beside = files_in(folder, VIDEO_SUFFIXES), photographs_in(folder)
+    videos, beside = camera_videos(folder), photographs_in(folder)
     inside = camera_folders(folder, alone=not videos and not beside)
     if not videos:
         inside = without_fewer(folder, beside, inside)
@@ -248,7 +250,7 @@ def check_frames(source: Source, decoded: int) -> None:
 
 def _inner_sources(inner: Path, alone: bool) -> list[Source]:
     """The cameras of a subfolder: one, or several if it is alone and its pictures' names say so."""
-    videos, pictures = files_in(inner, VIDEO_SUFFIXES), photographs_in(inner)
+    videos, pictures = camera_videos(inner), photographs_in(inner)
     if videos:
         return [_video(inner.name, videos[0])]
     return _photographs(inner, pictures) if alone else _camera(inner.name, inner, pictures)

@@ -1,5 +1,6 @@
 """What of an input folder is not used, and what is told of it."""
 
+import re
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,6 +13,26 @@ from gaussray.prepare.input_files import MEDIA_SUFFIXES, files_in
 from gaussray.prepare.photographs import PHOTOGRAPH_SUFFIXES
 from gaussray.runtime.output import counted, first_of
 from gaussray.runtime.progress import say
+
+
+# What a mask may have behind the name of its picture or video: a_mask.png, a.mask.png.
+MASK_MARK = re.compile(r"[ ._-]masks?$")
+
+
+def camera_videos(folder: Path) -> list[Path]:
+    """The videos of a folder without those of masks: `cam0_mask.mp4` beside `cam0.mp4`.
+
+    Args:
+        folder: an existing folder.
+    """
+    videos = files_in(folder, VIDEO_SUFFIXES)
+    stems = {path.stem.lower() for path in videos}
+    plain = {path: MASK_MARK.sub("", path.stem.lower()) for path in videos}
+    return [
+        path
+        for path in videos
+        if plain[path] in ("", path.stem.lower()) or plain[path] not in stems
+    ]
 
 
 def without_fewer(folder: Path, beside: list[Path], inside: list[Path]) -> list[Path]:
@@ -89,7 +110,7 @@ def check_one_video(inside: Sequence[Path]) -> None:
     Raises:
         PrepareError: One does; the message lists the videos and the choice.
     """
-    names = {path: [p.name for p in files_in(path, VIDEO_SUFFIXES)] for path in inside}
+    names = {path: [p.name for p in camera_videos(path)] for path in inside}
     names = {path: own for path, own in names.items() if own}
     several = next((path for path, own in names.items() if len(own) > 1), None)
     if several is None:

@@ -109,14 +109,6 @@ def test_masks_that_are_needed_and_not_there_are_refused_with_a_name(tmp_path, s
     assert f"The mask of {folder}/a.png would be {tmp_path}/in/masks/a.png." in str(refused.value)
 
 
-def test_videos_have_no_masks_that_could_be_needed(tmp_path):
-    (tmp_path / "in").mkdir()
-    for name in "ab":
-        write_video(tmp_path / f"in/{name}.mp4", [BLACK] * 4)
-    with pytest.raises(PrepareError, match="Videos have none"):
-        copied(tmp_path / "in", tmp_path / "out", needed=True)
-
-
 @pytest.mark.parametrize("cameras", [["images"], ["cam1", "cam2"]])
 @pytest.mark.filterwarnings("ignore:.*by the name no pictures")
 def test_a_folder_of_masks_of_other_names_is_told_once(tmp_path, cameras):
@@ -162,21 +154,6 @@ def test_of_two_masks_of_one_picture_a_png_counts(tmp_path):
         write_image(tmp_path / "x" / f"{name}.png", np.full((2, 2, 3), 255, np.uint8))
         (tmp_path / "x" / f"{name}.png").rename(tmp_path / "x" / name)
     assert marked_masks(tmp_path / "x") == {"a": tmp_path / "x" / "a_mask.png"}
-
-
-@pytest.mark.parametrize("layout", ["cam1/masks", "masks/cam1", "masks"])
-@pytest.mark.filterwarnings("ignore:.*by the name no pictures of a camera")
-def test_masks_of_videos_are_told_not_to_be_read(tmp_path, layout):
-    inner = layout == "cam1/masks"
-    (tmp_path / "in%/cam1").mkdir(parents=True)
-    write_video(tmp_path / "clip.mp4", [BLACK] * 3)
-    target = tmp_path / "in%" / ("cam1/clip.mp4" if inner else "cam1.mp4")
-    (tmp_path / "clip.mp4").rename(target)
-    write_image(tmp_path / "in%" / layout / "0000.png", half_white())
-    written = r"-fps_mode passthrough \S*in%%/cam1/%06d.png"
-    command = rf"mkdir -p \S*in%/cam1 && ffmpeg -i \S*1\S*.mp4 {written}"
-    with pytest.warns(CaptureWarning, match=f"{layout}: masks are not read with videos.*{command}"):
-        copied(tmp_path / "in%", tmp_path / "out")
 
 
 @pytest.mark.filterwarnings("error")

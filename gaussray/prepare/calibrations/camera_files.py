@@ -1,15 +1,19 @@
-"""A file for each camera, JSON or OpenCV's, in a folder or each in a folder of its own."""
+"""A file for each camera (JSON, YAML, text, OpenCV's), in a folder or each in its own folder."""
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from gaussray.capture.formats.transforms import json_if_readable
+from gaussray.prepare.calibrations.camera_text import is_camera_text, text_camera
+from gaussray.prepare.calibrations.camera_values import plain_camera, tell_readings
+from gaussray.prepare.calibrations.kalibr import yaml_content
 from gaussray.prepare.calibrations.known_camera import Calibration
+from gaussray.prepare.calibrations.named_cameras import is_by_value
 from gaussray.prepare.calibrations.opencv_json import is_opencv_camera, read_opencv_camera
-from gaussray.prepare.calibrations.opencv_pose import found_pose, say_poses
 from gaussray.prepare.calibrations.opencv_storage import is_small_storage, storage_values
-from gaussray.prepare.calibrations.stereo_pair import has_stereo_lenses
+from gaussray.prepare.calibrations.stereo_pair import is_stereo_calibration
 from gaussray.prepare.errors import PrepareError
 
 
@@ -19,19 +23,20 @@ def is_camera_file(path: Path) -> bool:
 
 
 def files_by_stem(files: Sequence[Path]) -> dict[str, Path]:
-    """Files of one camera each by their names without suffix.
+    """Files of one camera each by their names without suffix (`00_P.txt` is of 00).
 
     Raises:
         PrepareError: Two have one name.
     """
     result: dict[str, Path] = {}
     for path in files:
-        if path.stem in result:
+        name = re.sub("(?<=.)_P$", "", path.stem) if path.suffix.lower() == ".txt" else path.stem
+        if name in result:
             raise PrepareError(
                 f"poses.calibration={path.parent}: the folder must hold one file for each camera, "
-                f"got {result[path.stem].name} and {path.name}. Take one of them away."
+                f"got {result[name].name} and {path.name}. Take one of them away."
             )
-        result[path.stem] = path
+        result[name] = path
     return result
 
 
@@ -68,7 +73,7 @@ def read_camera_files(where: str, files: Mapping[str, Path]) -> Calibration:
     """
     values = {name: _values(path) for name, path in files.items()}
     cameras = [read_opencv_camera(files[name], name, one) for name, one in values.items()]
-    say_poses(where, filter(None, map(found_pose, values.values())))
+    tell_readings(where, list(values.values()))
     return Calibration(cameras)
 
 
@@ -80,6 +85,13 @@ def _values(path: Path) -> dict[str, Any]:
             found = json_if_readable(path)
         elif is_small_storage(path):
             found = storage_values(path)
+        elif path.suffix.lower() in (".yaml", ".yml"):
+            found = yaml_content(path)
+        elif is_camera_text(path):
+            found = text_camera(path)
+        if not isinstance(found, dict) or is_by_value(found) or is_stereo_calibration(found):
+            return {}
     except (PrepareError, OSError, ValueError):
         return {}
-    return found if is_opencv_camera(found) and not has_stereo_lenses(found) else {}
+    camera = plain_camera(path, found)
+    return camera if is_opencv_camera(camera) else {}

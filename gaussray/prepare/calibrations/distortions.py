@@ -7,19 +7,29 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from gaussray.prepare.calibrations.lens_labels import is_fisheye, labels_in
 from gaussray.prepare.calibrations.opencv_numbers import (
     DISTORTION_COUNTS,
     agreed_numbers,
+    finite_numbers,
     plain_value,
 )
 from gaussray.prepare.calibrations.value_names import VALUE_NAMES, plain_key
 from gaussray.prepare.errors import PrepareError
 
 
+# OpenCV's distortion coefficients in their order, and those of its fisheye.
+OPENCV_ORDER = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+_FISHEYE_ORDER = OPENCV_ORDER[:2] + OPENCV_ORDER[4:6]
 # Keys of distortion that is not one list of OpenCV's coefficients.
 _APART = re.compile(r"k[1-6]|p[12]|radial.*|tangential.*|.*coef.*")
-# Two numbers are k1 and k2. Three may be k1 k2 p1 or k1 k2 k3.
-_COUNTS = (2, *DISTORTION_COUNTS)
+# One number is k1, two are k1 and k2. Others may be several things.
+_COUNTS = (1, 2, *DISTORTION_COUNTS)
+_UNCLEAR = {
+    3: "k1 k2 k3 (write [k1, k2, 0, 0, k3]) or k1 k2 p1 (write [k1, k2, p1, 0])",
+    6: "k1 to k6 (write [k1, k2, 0, 0, k3, k4, k5, k6]) or k1 k2 p1 p2 k3 k4 (write them with 0, 0 "
+    "behind)",
+}
 
 
 def distortions_in(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -51,28 +61,95 @@ def common_distortions(values: Mapping[str, Any]) -> dict[str, Any]:
 def distortion_in(where: str, values: Mapping[str, Any]) -> Float[np.ndarray, " n"]:
     """OpenCV's coefficients among the values of a camera; empty if it has none.
 
+    They are one list, or have a key each (`k1`).
+
     Args:
         where: the file, and the camera in it, for messages.
         values: values by key.
 
     Raises:
-        PrepareError: They are no such numbers, two keys differ, or they are not one list.
+        PrepareError: They are no such numbers, there are three or six, or two keys differ.
     """
     listed = {
         key: value
         for key, value in values.items()
         # Zeros are no distortion, however many there are.
         if _is_listed(key)
-        and (_is_not_zero(plain_value(value)) or np.size(plain_value(value)) in _COUNTS)
+        and (_is_not_zero(plain_value(value)) or _size(plain_value(value)) in _COUNTS)
     }
+    _refuse_unclear(where, listed)
     found = agreed_numbers(where, listed, "distortion", _COUNTS)
-    apart = [key for key in values if _is_apart(key) and _is_not_zero(values[key])]
-    if apart and not len(found):
+    apart = {key: plain_value(value) for key, value in values.items() if _is_apart(key)}
+    apart = {key: value for key, value in apart.items() if _is_not_zero(value)}
+    if not apart:
+        return found
+    if not len(found):
+        return _in_order(where, values, apart)
+    order = _FISHEYE_ORDER if is_fisheye(where, values) else OPENCV_ORDER
+    said: dict[str, float] = dict(zip(order, found.tolist(), strict=False))
+    for key, value in apart.items():
+        if said.get(plain_key(key), value) != value:
+            raise PrepareError(
+                f"{where}: {key} must not differ from the listed coefficients {found.tolist()}, "
+                f"got {str(value)[:80]}. Keep one of them."
+            )
+    return found
+
+
+def _in_order(
+    where: str, values: Mapping[str, Any], apart: Mapping[str, Any]
+) -> Float[np.ndarray, " n"]:
+    """The list of coefficients that have a key each.
+
+    Args:
+        where: the file, and the camera in it, for messages.
+        values: all values of the camera.
+        apart: those of distortion that are not 0.
+    """
+    named = {plain_key(key): key for key in apart}
+    if unread := [key for name, key in named.items() if name not in OPENCV_ORDER]:
         raise PrepareError(
             f"{where}: distortion must be one list of OpenCV's coefficients (dist: [k1, k2, p1, "
-            f"p2]), got {', '.join(map(str, apart))}. Write it so, with zeros for what is missing."
+            f"p2]) or k1, k2, p1, p2, k3 under these keys, got {', '.join(map(str, unread))}. "
+            "Write it so, with zeros for what is missing."
         )
-    return found
+    fisheye = is_fisheye(where, values)
+    keys = {plain_key(key) for key in values}
+    if "k4" in named and not fisheye and not labels_in(values) and not keys & {"p1", "p2", "k5"}:
+        raise PrepareError(
+            f"{where}: k1, k2, k3 and k4 without p1 and p2 may be of OpenCV's fisheye or of its "
+            "plain model. Add fisheye: true, or p1 and p2 (0 if there are none)."
+        )
+    order = _FISHEYE_ORDER if fisheye else OPENCV_ORDER
+    if others := [key for name, key in named.items() if name not in order]:
+        raise PrepareError(
+            f"{where}: OpenCV's fisheye has k1 to k4, got {', '.join(map(str, others))}. Correct "
+            "its model or its coefficients."
+        )
+    try:
+        numbers = {name: float(finite_numbers(apart[key], (1,))[0]) for name, key in named.items()}
+    except ValueError as error:
+        raise PrepareError(
+            f"{where}: {' and '.join(map(str, apart))} {error}. Write one number each."
+        ) from None
+    count = 4 if fisheye or not numbers.keys() & set(OPENCV_ORDER[4:]) else 5
+    count = len(order) if numbers.keys() & set(OPENCV_ORDER[5:]) else count
+    return np.array([numbers.get(name, 0.0) for name in order[:count]])
+
+
+def _refuse_unclear(where: str, listed: Mapping[str, Any]) -> None:
+    """Refuse a list of so many coefficients that it may mean several things."""
+    for key, value in listed.items():
+        if (count := _size(plain_value(value))) in _UNCLEAR:
+            raise PrepareError(
+                f"{where}: {key} must be OpenCV's 4, 5 or 8 coefficients (k1 k2 p1 p2 k3 ...), k1, "
+                f"or k1 k2, got {count}, which may be {_UNCLEAR[count]}. Write them so."
+            )
+
+
+def _size(value: Any) -> int:
+    """How many numbers a value has; unlike lists in a list count as they stand."""
+    return int(np.size(np.array(value, object)))
 
 
 def _is_listed(key: object) -> bool:

@@ -34,12 +34,7 @@ def read_kalibr(path: Path) -> list[KnownCamera]:
     Raises:
         PrepareError: The file is no chain of Kalibr, or a camera's model is not supported.
     """
-    text = read_text(path).decode("utf-8-sig", "replace")
-    try:
-        check_aliases(path, text)
-        content = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError) as error:
-        raise PrepareError(f"{path}: must be YAML, got {str(error)[:200]}. {_REMEDY}") from None
+    content = yaml_content(path)
     keys = [str(key) for key in content] if isinstance(content, dict) else []
     _refuse_intrinsics(path, keys)
     names = [k for k in content if str(k).startswith("cam")] if keys else []
@@ -58,6 +53,30 @@ def read_kalibr(path: Path) -> list[KnownCamera]:
             pose = _numbers(path, name, block, "T_cn_cnm1", 16).reshape(4, 4) @ pose
         cameras.append(_camera(path, check_name(path, name), block, pose[:3]))
     return cameras
+
+
+def yaml_content(path: Path) -> Any:
+    """What a YAML file holds.
+
+    Raises:
+        PrepareError: It is no YAML.
+    """
+    text = read_text(path).decode("utf-8-sig", "replace")
+    try:
+        check_aliases(path, text)
+        return yaml.safe_load(text)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise PrepareError(f"{path}: must be YAML, got {str(error)[:200]}. {_REMEDY}") from None
+
+
+def is_chain(content: Any) -> bool:
+    """Whether the content of a YAML file is a chain of Kalibr."""
+    values = content.values() if isinstance(content, dict) else ()
+    blocks = [one for one in values if isinstance(one, dict)]
+    return any(
+        "T_cn_cnm1" in one or ("camera_model" in one and "distortion_coeffs" in one)
+        for one in blocks
+    )
 
 
 def _refuse_intrinsics(path: Path, keys: list[str]) -> None:

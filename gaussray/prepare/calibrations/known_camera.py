@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from gaussray.prepare.calibrations.distortions import OPENCV_ORDER
 from gaussray.prepare.calibrations.opencv_numbers import ORTHONORMAL
 from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.lens_models import LensKeyValues
@@ -24,10 +25,10 @@ JSON_RECIPE = (
     "Give each camera, under its name, finite numbers for K (3 x 3), R and t (OpenCV's, world to "
     "camera), dist and size"
 )
-# OpenCV's distortion coefficients in their order.
-OPENCV_ORDER = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 # The last row of a camera matrix may differ from (0, 0, 1) by this, where text has few digits.
 _LAST_ROW = 1e-3
+# Skew is left out up to this part of the focal length, as rounding makes it.
+SLIGHT_SKEW = 1e-3
 # Larger numbers make no camera, and their squares may overflow.
 _HUGE = 1e12
 # Most columns and rows of a picture.
@@ -89,9 +90,9 @@ def opencv_camera(
 
     Raises:
         PrepareError: A number is not finite or too large, a focal length is not positive, the last
-            row of `matrix` is not (0, 0, 1), `pose` has no rotation or one with a reflection, a
-            coefficient that the lens model does not have is not 0, or `size` is neither 0 nor
-            whole numbers from 1 to 10^6.
+            row of `matrix` is not (0, 0, 1), `matrix` has skew, `pose` has no rotation or one with
+            a reflection, a coefficient that the lens model does not have is not 0, or `size` is
+            neither 0 nor whole numbers from 1 to 10^6.
     """
     values = np.concatenate([matrix.ravel(), distortion.ravel(), pose.ravel()])
     turn = pose[:, :3]
@@ -116,6 +117,12 @@ def opencv_camera(
         raise PrepareError(
             f"{where}: the matrix of camera {name} must end with the row 0 0 1, got "
             f"{matrix.tolist()}. Is it transposed? Write it row by row: fx 0 cx, 0 fy cy, 0 0 1."
+        )
+    if abs(matrix[0, 1]) > SLIGHT_SKEW * matrix[0, 0]:
+        raise PrepareError(
+            f"{where}: the matrix of camera {name} must have no skew, got {matrix[0, 1]:.4g} "
+            f"pixels beside a focal length of {matrix[0, 0]:.4g}. Calibrate without "
+            "skew: no lens model here has it."
         )
     if any(size) and not all(1 <= side <= _MOST and side == int(side) for side in size):
         raise PrepareError(

@@ -9,18 +9,15 @@ from gaussray.capture.formats.json_keys import Keys
 from gaussray.capture.formats.transforms import json_content
 from gaussray.io.safe.arrays import Damaged, read_npz
 from gaussray.io.safe.files import read_text
+from gaussray.prepare.calibrations.camera_values import (
+    has_matrix,
+    plain_camera,
+    tell_few_coefficients,
+)
 from gaussray.prepare.calibrations.known_camera import check_name
-from gaussray.prepare.calibrations.lens_values import (
-    has_camera_matrix,
-    lens_of_values,
-)
+from gaussray.prepare.calibrations.lens_values import camera_of_values
+from gaussray.prepare.calibrations.named_cameras import is_by_value, named_cameras
 from gaussray.prepare.calibrations.nerfstudio import frame_lens, read_nerfstudio
-from gaussray.prepare.calibrations.opencv_json import (
-    CAMERA_NAME_KEYS,
-    common_values,
-    said_name,
-    with_common,
-)
 from gaussray.prepare.calibrations.opencv_storage import is_storage, storage_values
 from gaussray.prepare.calibrations.opencv_yaml import read_opencv_yaml
 from gaussray.prepare.calibrations.read import read_calibration
@@ -74,47 +71,39 @@ def _content(path: Path) -> Any:
         if suffix == ".npz":
             return read_npz(path)
         if suffix == ".toml":
-            return tomllib.loads(read_text(path).decode("utf-8-sig"))
+            content = tomllib.loads(read_text(path).decode("utf-8-sig"))
+            return content if "cameras" in content else _named_tables(content)
     except (Damaged, tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise PrepareError(f"poses.lens={path}: {error}. It may be {_KINDS}.") from None
     return None
 
 
-def _lenses(
-    path: Path, content: Mapping[str, Any] | list, common: Mapping[str, Any] | None = None
-) -> dict[str, LensKeyValues]:
-    """The lenses of what a file holds: of one camera at the top, or of several; empty if none.
-    `common` values are those of cameras that have none of their own."""
+def _named_tables(content: dict[str, Any]) -> dict[str, Any]:
+    """The tables of a TOML file as a list of cameras, which have the names that they say."""
+    tables = {key: one for key, one in content.items() if isinstance(one, dict)}
+    cameras = [{"name": key, **one} for key, one in tables.items()]
+    return {key: one for key, one in content.items() if key not in tables} | {"cameras": cameras}
+
+
+def _lenses(path: Path, content: Mapping[str, Any] | list) -> dict[str, LensKeyValues]:
+    """The lenses of what a file holds: of one camera at the top, or of several; empty if none."""
     if isinstance(content, Mapping):
         if isinstance(content.get("frames"), list):
             return {camera.name: camera.lens for camera in read_nerfstudio(path)}
         if any(key in content for key in _CAPTURE):
             return {path.stem: frame_lens(Keys(path, dict(content)))}
-        if has_camera_matrix(content):
-            return {path.stem: lens_of_values(str(path), content, name=path.name)}
-        if isinstance(content.get("cameras"), Mapping | list):
-            return _lenses(path, content["cameras"], common_values(content))
-        common = {**(common or {}), **common_values(content)}
-        blocks = [(str(key), value) for key, value in content.items()]
-    else:
-        blocks = [(str(number), value) for number, value in enumerate(content)]
-    blocks = [(key, block) for key, block in blocks if has_camera_matrix(block)]
-    result: dict[str, LensKeyValues] = {}
-    for key, block in blocks:
-        said = said_name(block)
-        if said is None and isinstance(content, list) and len(blocks) > 1:
-            raise PrepareError(
-                f"{path}: each camera of the list must have a name "
-                f"({', '.join(CAMERA_NAME_KEYS)}), got none. Give each the name of its video."
-            )
-        name = check_name(path, said or key)
-        if name in result:
-            raise PrepareError(
-                f"{path}: each camera must have a name of its own, got {name} twice. Change one."
-            )
-        own = with_common(block, common or {})
-        result[name] = lens_of_values(f"{path}, camera {name}", own)
-    return result
+        camera = {} if is_by_value(content) else plain_camera(path, content)
+        if has_matrix(camera):
+            lens = camera_of_values(path, path.name, camera).lens
+            tell_few_coefficients(path, [camera])
+            return {path.stem: lens}
+    cameras = named_cameras(path, content)
+    lenses = {
+        check_name(path, name): camera_of_values(path, name, one).lens
+        for name, one in cameras.items()
+    }
+    tell_few_coefficients(path, cameras.values())
+    return lenses
 
 
 def _calibrated_lenses(path: Path) -> dict[str, LensKeyValues]:

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from gaussray.prepare.calibrations.opencv_numbers import numbers_under
-from gaussray.prepare.calibrations.value_names import VALUE_NAMES
+from gaussray.prepare.calibrations.value_names import VALUE_NAMES, plain_key
 from gaussray.prepare.errors import PrepareError
 from gaussray.runtime.progress import say
 
@@ -21,6 +21,13 @@ _WORLD_TO_CAMERA = (
     *("worldtocamera", "worldtocam", "world2camera", "world2cam", "cameramatrix"),
 )
 _CAMERA_TO_WORLD = ("c2w", "cameratoworld", "camtoworld", "camera2world", "cam2world")
+POSE_NAMES = (*_ROTATION, *_TRANSLATION, *_WORLD_TO_CAMERA, *_CAMERA_TO_WORLD)
+# Keys of a text that says which way poses are, and words in it of other axes than OpenCV's.
+_WAYS = (
+    *("convention", "poseconvention", "extrinsicconvention", "extrinsicsconvention", "posetype"),
+    *("extrinsictype", "extrinsicstype", "direction", "coordinatesystem", "coordinateconvention"),
+)
+_OTHER_AXES = ("opengl", "blender", "nerf", "unity", "unreal")
 # What is said of a camera without a pose, after its name, and how to mend it.
 NO_POSE = "has no R (3 or 9 numbers) and t (3 numbers), nor RT (12 or 16)"
 POSE_REMEDY = (
@@ -40,7 +47,8 @@ class FoundPose(NamedTuple):
 
 def found_pose(values: Mapping[str, Any]) -> FoundPose | None:
     """The pose among a camera's values: R and t, else a matrix from world to camera, else one from
-    camera to world. None if there are no keys of these with finite numbers of the right count.
+    camera to world. A text beside them (`convention: camera_to_world`) may say the way of the
+    first two. None if there are no keys of these with finite numbers of the right count.
 
     Args:
         values: the camera's values by key.
@@ -52,12 +60,45 @@ def found_pose(values: Mapping[str, Any]) -> FoundPose | None:
     if turn is not None and shift is not None:
         rotation = turn[1] if len(turn[1]) == 9 else _from_vector(turn[1])
         matrix = np.column_stack([rotation.reshape(3, 3), shift[1]])
-        return FoundPose(f"{turn[0]} and {shift[0]}", matrix.ravel(), False)
+        return FoundPose(f"{turn[0]} and {shift[0]}", matrix.ravel(), _is_said_inverse(values))
     for names, inverse in ((_WORLD_TO_CAMERA, False), (_CAMERA_TO_WORLD, True)):
         found = numbers_under(values, names, (12, 16))
         if found is not None:
-            return FoundPose(*found, inverse)
+            return FoundPose(*found, inverse or _is_said_inverse(values))
     return None
+
+
+def ways_in(values: Mapping[str, Any]) -> dict[str, Any]:
+    """The texts among values that may say which way poses are, and their axes.
+
+    Args:
+        values: values by key.
+    """
+    return {k: v for k, v in values.items() if plain_key(k) in _WAYS and isinstance(v, str)}
+
+
+def _is_said_inverse(values: Mapping[str, Any]) -> bool:
+    """Whether a text says that poses are from camera to world."""
+    texts = [plain_key(text) for text in ways_in(values).values()]
+    return any(name in text for text in texts for name in _CAMERA_TO_WORLD)
+
+
+def refuse_other_axes(where: object, values: Mapping[str, Any]) -> None:
+    """Refuse a camera whose texts say other axes than OpenCV's.
+
+    Args:
+        where: the file, and the camera in it, for messages.
+        values: the camera's values by key.
+
+    Raises:
+        PrepareError: They do.
+    """
+    for key, text in ways_in(values).items():
+        if any(word in plain_key(text) for word in _OTHER_AXES):
+            raise PrepareError(
+                f"{where}: poses must have OpenCV's axes (x right, y down, z forward), got {key}: "
+                f"{text[:80]}. Turn them, or write a transforms.json, which has OpenGL's."
+            )
 
 
 def world_to_camera(where: object, name: object, pose: FoundPose) -> Float[np.ndarray, "3 4"]:

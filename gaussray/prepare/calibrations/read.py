@@ -13,7 +13,13 @@ from gaussray.prepare.calibrations.camera_files import (
     is_camera_file,
     read_camera_files,
 )
-from gaussray.prepare.calibrations.kalibr import read_kalibr
+from gaussray.prepare.calibrations.camera_text import (
+    is_camera_text,
+    text_camera,
+    text_cameras,
+)
+from gaussray.prepare.calibrations.camera_values import has_matrix
+from gaussray.prepare.calibrations.kalibr import is_chain, read_kalibr, yaml_content
 from gaussray.prepare.calibrations.known_camera import (
     ALL_KINDS,
     JSON_RECIPE,
@@ -23,7 +29,9 @@ from gaussray.prepare.calibrations.known_camera import (
 )
 from gaussray.prepare.calibrations.matlab import refuse_matlab
 from gaussray.prepare.calibrations.nerfstudio import read_metashape_cameras, read_nerfstudio
-from gaussray.prepare.calibrations.opencv_json import opencv_cameras
+from gaussray.prepare.calibrations.opencv_json import opencv_cameras, refuse_single_camera
+from gaussray.prepare.calibrations.opencv_numbers import plain_value
+from gaussray.prepare.calibrations.opencv_pose import found_pose
 from gaussray.prepare.calibrations.opencv_storage import (
     is_stereo_storage,
     is_storage,
@@ -35,6 +43,10 @@ from gaussray.prepare.calibrations.panoptic import is_panoptic, panoptic_cameras
 from gaussray.prepare.calibrations.pose2sim import read_toml
 from gaussray.prepare.calibrations.qualisys import read_qualisys
 from gaussray.prepare.calibrations.stereo_npz import is_stereo_npz, read_calibration_npz
+from gaussray.prepare.calibrations.stereo_pair import (
+    is_stereo_calibration,
+    stereo_cameras,
+)
 from gaussray.prepare.errors import PrepareError
 from gaussray.runtime.progress import say
 
@@ -82,8 +94,8 @@ def _of_folder(folder: Path) -> Calibration:
     # Pose2Sim writes its pair beside the TOML file, which also knows sizes and fisheyes.
     if pair is not None and not any(p.suffix.lower() == ".toml" for p in files):
         return Calibration(read_easymocap(*pair))
-    inside = [p for p in files if p.suffix.lower() not in _NAMED_ALONE and _reader(p) is not None]
-    if single := [p for p in inside if is_camera_file(p)]:
+    inside = [p for p in files if not _may_be_other(p) and _reader(p) is not None]
+    if single := [p for p in inside or files if is_camera_file(p)]:
         others = [p for p in inside if p not in single]
         return _of_single_cameras(folder, files_by_stem(single), others)
     # Caliscope keeps other files beside its own, and OpenCV's samples their chessboard.
@@ -103,6 +115,13 @@ def _of_folder(folder: Path) -> Calibration:
     return read_calibration(likely[0])
 
 
+def _may_be_other(path: Path) -> bool:
+    """Whether a file may lie in the folder of a calibration for other reasons, as a .txt of numbers
+    does."""
+    text = path.suffix.lower() == ".txt" and not path.name.lower().startswith("krt")
+    return path.suffix.lower() in _NAMED_ALONE or (text and is_camera_text(path))
+
+
 def _likely(folder: Path, inside: list[Path], files: list[Path]) -> list[Path]:
     """What stands for a calibration in the message that refuses it, if a folder holds none that is
     read.
@@ -112,7 +131,7 @@ def _likely(folder: Path, inside: list[Path], files: list[Path]) -> list[Path]:
         inside: its files that a reader may read.
         files: all its files.
     """
-    others = [p for p in files if p.suffix.lower() in (".npz", ".mat")]
+    others = [p for p in files if p.suffix.lower() in (".npz", ".mat") or is_camera_text(p)]
     yaml = [p for p in inside if p.suffix.lower() != ".xml"]
     return yaml or _likely_storage(folder) or others
 
@@ -162,11 +181,42 @@ def _read_json(path: Path) -> list[KnownCamera] | Calibration:
         return panoptic_cameras(path, content)
     if isinstance(content, dict) and isinstance(content.get("frames"), list):
         return read_nerfstudio(path)
-    cameras = opencv_cameras(path, content)
+    cameras = _cameras_of(path, content)
     if cameras is None:
         raise PrepareError(
             f"poses.calibration={path}: must list frames (nerfstudio) or cameras, got "
             f"{_outline(content)}. {JSON_RECIPE}. {ALL_KINDS}"
+        )
+    return cameras
+
+
+def _read_yaml(path: Path) -> list[KnownCamera] | Calibration:
+    content = yaml_content(path)
+    # The lens of one camera alone, and what has no cameras, is told of as of Kalibr's files.
+    cameras = None
+    if not is_chain(content) and not (has_matrix(content) and found_pose(content) is None):
+        cameras = _cameras_of(path, content)
+    return read_kalibr(path) if cameras is None else cameras
+
+
+def _cameras_of(path: Path, content: object) -> Calibration | None:
+    """The cameras of the values of a JSON or YAML file; None if it has none."""
+    if isinstance(content, dict) and is_stereo_calibration(content):
+        values = {str(key): plain_value(value) for key, value in content.items()}
+        return stereo_cameras(path, values, name=path.name)
+    return opencv_cameras(path, content)
+
+
+def _read_text(path: Path) -> Calibration:
+    if text_camera(path) is not None:
+        refuse_single_camera(path)
+    blocks = text_cameras(path)
+    cameras = opencv_cameras(path, blocks)
+    assert cameras is not None
+    if any("K" in one for one in blocks.values()):
+        say(
+            f"{path}: distortion is k1 k2 p1 p2 k3 as OpenCV has them, and the unit that of t, "
+            "which is the millimetre in Multiface's files."
         )
     return cameras
 
@@ -203,7 +253,9 @@ def _reader(path: Path) -> Callable[[Path], list[KnownCamera] | Calibration] | N
         return read_metashape_cameras
     if name.endswith((".qca.txt", ".xml", ".qca")):
         return read_qualisys
-    suffixes = {".toml": read_toml, ".yaml": read_kalibr, ".yml": read_kalibr}
+    if is_camera_text(path):
+        return _read_text
+    suffixes = {".toml": read_toml, ".yaml": _read_yaml, ".yml": _read_yaml}
     suffixes |= {".json": _read_json, ".npz": read_calibration_npz, ".dat": read_camera_dats}
     suffixes[".mat"] = refuse_matlab
     return suffixes.get(path.suffix.lower())

@@ -1,5 +1,7 @@
-"""NumPy's .npz files with one array of each value, of all cameras: K [N, 3, 3], R, T, dist."""
+"""NumPy's .npz files with one array of each value, of all cameras: K [N, 3, 3], R, T, dist; or
+projections [N, 3, 4], which may be one array for each camera."""
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -9,7 +11,7 @@ import numpy as np
 from gaussray.prepare.calibrations.known_camera import Calibration
 from gaussray.prepare.calibrations.lens_labels import MODEL_LABELS, labels_in
 from gaussray.prepare.calibrations.opencv_json import opencv_cameras
-from gaussray.prepare.calibrations.value_names import VALUE_NAMES, plain_key
+from gaussray.prepare.calibrations.value_names import PROJECTION_NAMES, VALUE_NAMES, plain_key
 from gaussray.prepare.errors import PrepareError
 from gaussray.runtime.progress import say
 
@@ -21,6 +23,13 @@ _SINGLE = (*VALUE_NAMES["width"], *VALUE_NAMES["height"], *MODEL_LABELS)
 # Names of poses that are of cameras in these files alone: cv2.calibrateCamera calls so the poses
 # of its views of one camera.
 _POSES = {"rvecs": "rvec", "tvecs": "tvec"}
+# Projections of one camera each, and what a rectification has beside them.
+_OF_ONE = re.compile(
+    r"(?:projection_matrix|proj_?mat(?:rix)?|projection|proj|p)(?:_(\w+)|(\d+))", re.I
+)
+_PROJECTIONS = ((3, 4), (4, 4))
+_RECTIFICATION = {"r1", "r2", "q"}
+_REMEDY_P = "If they have others, save them with it: names=['cam1', 'cam2']."
 _REMEDY = (
     "Save them with it, in the order of the arrays: numpy.savez(FILE, names=['cam1', 'cam2'], "
     "K=K, R=R, T=T, dist=dist)."
@@ -28,13 +37,38 @@ _REMEDY = (
 
 
 def camera_stack(values: Mapping[str, np.ndarray]) -> str | None:
-    """The key of an array of several cameras' matrices [N, 3, 3]; None if there is none.
+    """The key of an array of several cameras' matrices [N, 3, 3], else of their projections
+    [N, 3, 4] or [N, 4, 4]; None if there is none.
 
     Args:
         values: arrays by key.
     """
-    keys = [key for key in values if plain_key(key) in VALUE_NAMES["matrix"]]
-    return next((key for key in keys if values[key].shape[1:] == (3, 3)), None)
+    for names, shapes in ((VALUE_NAMES["matrix"], ((3, 3),)), (PROJECTION_NAMES, _PROJECTIONS)):
+        for key in (key for key in values if plain_key(key) in names):
+            if values[key].ndim == 3 and values[key].shape[1:] in shapes:
+                return key
+    return None
+
+
+def with_stacked_projections(values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The arrays of a file, those of projections of one camera each (`P1`, `proj_left`) as one
+    array with the cameras' names.
+
+    Args:
+        values: arrays by key.
+    """
+    found = {
+        match[1] or match[2]: (key, values[key])
+        for key in values
+        if (match := _OF_ONE.fullmatch(key)) and values[key].shape in _PROJECTIONS
+    }
+    shapes = {value.shape for _, value in found.values()}
+    plain = {plain_key(key) for key in values}
+    if len(found) < 2 or len(shapes) > 1 or plain & _RECTIFICATION or camera_stack(values):
+        return dict(values)
+    ordered = sorted(found, key=lambda name: name.zfill(9) if name.isdecimal() else name)
+    kept = {key: values[key] for key in values if key not in {key for key, _ in found.values()}}
+    return kept | {"P": np.array([found[name][1] for name in ordered]), "names": np.array(ordered)}
 
 
 def stacked_cameras(path: Path, values: Mapping[str, np.ndarray]) -> Calibration:
@@ -52,15 +86,20 @@ def stacked_cameras(path: Path, values: Mapping[str, np.ndarray]) -> Calibration
     assert key is not None
     count = len(values[key])
     values = {key: _decoded(value) for key, value in values.items()}
-    names = next((values[key] for key in values if plain_key(key) in _NAMES), np.zeros(0))
+    names = next((values[key] for key in values if plain_key(key) in _NAMES), None)
+    if names is None and plain_key(key) in PROJECTION_NAMES:
+        names = np.arange(count)
+        say(f"{path}: the {count} cameras are called by their place in {key}, from 0. {_REMEDY_P}")
+    names = np.zeros(0) if names is None else names
     if names.shape != (count,) or names.dtype.kind not in "iuU":
         raise PrepareError(
             f"{path}: must hold the names of its {count} cameras as names, got "
             f"{', '.join(values)[:200]}. {_REMEDY}"
         )
+    shape = " x ".join(map(str, values[key].shape[1:]))
     if not count or values[key].dtype.kind not in "fiu" or not np.isfinite(values[key]).all():
         raise PrepareError(
-            f"{path}: {key} must be finite numbers, 3 x 3 for each camera, got "
+            f"{path}: {key} must be finite numbers, {shape} for each camera, got "
             f"{str(values[key].tolist())[:80]}. Calibrate it again."
         )
     arrays = {

@@ -5,7 +5,11 @@ from pathlib import Path
 
 from gaussray.io.safe.arrays import Damaged, read_npz
 from gaussray.prepare.calibrations.known_camera import ALL_KINDS, Calibration
-from gaussray.prepare.calibrations.stacked_npz import camera_stack, stacked_cameras
+from gaussray.prepare.calibrations.stacked_npz import (
+    camera_stack,
+    stacked_cameras,
+    with_stacked_projections,
+)
 from gaussray.prepare.calibrations.stereo_pair import (
     has_stereo_lenses,
     has_stereo_pose,
@@ -46,11 +50,14 @@ def read_calibration_npz(path: Path) -> Calibration:
         raise PrepareError(
             f"{error}. It must be an .npz file of plain numbers (no Python objects). {_REMEDY}"
         ) from None
-    if camera_stack(values) and not has_stereo_lenses(values):
-        return stacked_cameras(path, values)
+    if not has_stereo_lenses(values):
+        values = with_stacked_projections(values)
+        if camera_stack(values):
+            return stacked_cameras(path, values)
     if not has_stereo_lenses(values) and not has_stereo_pose(values):
         raise PrepareError(
             f"{path}: must hold K1, D1, K2, D2, R and T of two cameras, or K, R, T, dist and names "
-            f"of several, got {', '.join(values)[:200] or 'nothing'}. {_REMEDY} {ALL_KINDS}"
+            f"(or P, 3 x 4) of several, got {', '.join(values)[:200] or 'nothing'}. {_REMEDY} "
+            f"{ALL_KINDS}"
         )
     return stereo_cameras(path, values, name=path.name)

@@ -16,6 +16,7 @@ from gaussray.prepare.calibrations.opencv_numbers import (
     DISTORTION_COUNTS,
     checked_rotation,
     finite_numbers,
+    plain_value,
 )
 from gaussray.prepare.calibrations.picture_sizes import sides_in
 from gaussray.prepare.calibrations.value_names import VALUE_NAMES, plain_key
@@ -62,6 +63,14 @@ def has_stereo_lenses(keys: Iterable[str]) -> bool:
         all(plain & _of_side("matrix", side) for side in sides)  # both cameras
         for sides in _SIDES
     )
+
+
+def is_stereo_calibration(values: Mapping[str, Any]) -> bool:
+    """Whether the values of a JSON or YAML file have two matrices (K1 is one, k1 a coefficient) and
+    a pose between their cameras."""
+    plain = {str(key): np.array(plain_value(value), object) for key, value in values.items()}
+    matrices = [key for key, value in plain.items() if np.size(value) == 9]
+    return has_stereo_lenses(matrices) and has_stereo_pose(map(str, values))
 
 
 def stereo_cameras(where: object, values: Mapping[str, Any], *, name: str = "") -> Calibration:

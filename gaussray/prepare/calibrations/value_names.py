@@ -23,6 +23,11 @@ VALUE_NAMES = {
     "width": ("imagewidth", "imgwidth", "width", "w"),
     "height": ("imageheight", "imgheight", "height", "h"),
 }
+# One matrix K [R | t] from the world to pixels.
+PROJECTION_NAMES = (
+    *("p", "proj", "projection", "projections", "projectionmatrix", "projectionmatrices"),
+    *("projmat", "projmats", "projmatrix", "projs", "ps", "pmat", "pmats"),
+)
 
 
 def plain_key(key: object) -> str:

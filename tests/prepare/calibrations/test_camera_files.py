@@ -121,7 +121,10 @@ def test_two_files_of_one_name_are_refused(tmp_path):
         ({"Intrinsics": MATRIX.T}, "matrix of camera cam2 must end with the row 0 0 1"),
         ({"CameraMatrix": MATRIX @ POSES[1]}, "camera cam2 must have positive focal lengths and a"),
         ({"CameraMatrix": -POSES[1]}, "camera cam2 must have determinant 1, got -1"),
-        ({"Distortion": np.full((5, 1), np.nan)}, "camera cam2: Distortion must be 2 or 4 or 5"),
+        (
+            {"Distortion": np.full((5, 1), np.nan)},
+            "cam2: Distortion must be 1 or 2 or 4 or 5",
+        ),
         ({"Distort": DISTORTION}, "Distort of camera cam2 is not read"),
     ],
 )

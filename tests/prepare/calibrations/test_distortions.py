@@ -42,6 +42,12 @@ def coefficients(path):
         ({"dist": [0]}, [0, 0, 0, 0]),
         ({"dist": [0, 0, 0]}, [0, 0, 0, 0]),
         ({"k1": 0, "k2": 0.0}, [0, 0, 0, 0]),
+        ({"dist": [0.1]}, [0.1, 0, 0, 0]),
+        ({"dist": 0.1}, [0.1, 0, 0, 0]),
+        ({"k1": 0.1, "k2": 0.2}, [0.1, 0.2, 0, 0]),
+        ({"p2": 0.4, "k1": 0.1, "p1": [0.3], "k2": 0.2}, FOUR),
+        ({"distortion": {"k1": 0.1, "k2": 0.2, "p1": 0.3, "p2": 0.4}}, FOUR),
+        ({"dist": {"model": "plumb_bob", "data": FOUR}}, FOUR),
         ({"dist": {"rows": 1, "cols": 4, "data": FOUR}}, FOUR),
         ({"dist": FOUR, "k1": 0.1}, FOUR),
         ({"dist": None, "D": FOUR}, FOUR),
@@ -54,9 +60,21 @@ def test_both_readers_take_the_same_coefficients(tmp_path, own, numbers):
 @pytest.mark.parametrize(
     ("own", "message"),
     [
-        ({"dist": [0.1, 0.2, 0.3]}, "camera a: dist must be 2 or 4 .* got 3"),
-        ({"dist": [0.1]}, "camera a: dist must be 2 or 4 .* got 1"),
-        ({"k1": 0.1, "k2": 0.2}, "camera a: distortion must be one list .* got k1, k2"),
+        (
+            {"dist": [0.1, 0.2, 0.3]},
+            r"dist must be OpenCV's 4, 5 or 8 .* got 3, which may be k1 k2 k3 \(write \[k1, k2, 0",
+        ),
+        (
+            {"dist": [[0.1] * 6]},
+            "a: dist must be .* got 6, which may be k1 to k6 .*Write them",
+        ),
+        ({"k1": 0.1, "k4": 0.2}, "a: k1, k2, k3 and k4 without p1 and p2 may be .* fisheye: true"),
+        ({"k1": 0.1, "p1": 0.2, "fisheye": True}, "a: OpenCV's fisheye has k1 to k4, got p1"),
+        ({"k1": [0.1, 0.2]}, "camera a: k1 must be 1 finite numbers, got 2. Write one number each"),
+        (
+            {"k1": 0.1, "dist": FOUR[::-1]},
+            "a: k1 must not differ from the listed .* 0.1. Keep",
+        ),
         ({"dist": [], "radial": [0.1, 0.2]}, "camera a: distortion must be one list .* got radial"),
         ({"dist": FOUR, "D": FOUR[::-1]}, "camera a: dist and D must not differ"),
     ],
@@ -79,12 +97,49 @@ def test_distortion_at_the_top_is_of_all_cameras_without_their_own(tmp_path, top
     assert [one.lens[key] for key in NAMES] == FOUR
 
 
-@pytest.mark.parametrize("top", [{"dist": 0.1}, {"dist": "x"}, {"k1": 0.1, "k2": 0}])
+@pytest.mark.parametrize("top", [{"dist": "x"}, {"radial": [0.1]}, {"dist": [1, 2, 3]}])
 def test_distortion_at_the_top_that_is_no_list_is_refused(tmp_path, top):
     path = write(tmp_path, {"cameras": {"a": CAMERA}, **top})
     for reader in (read_calibration, read_lenses):
         with pytest.raises(PrepareError, match="camera a: dist.* must be"):
             reader(path)
+
+
+@pytest.mark.parametrize("top", [{"dist": 0.1}, {"k1": 0.1, "k2": 0}])
+def test_coefficients_at_the_top_may_be_single(tmp_path, top):
+    path = write(tmp_path, {"cameras": {"a": CAMERA, "b": CAMERA}, **top})
+    assert coefficients(path) == {"a": [0.1, 0, 0, 0], "b": [0.1, 0, 0, 0]}
+
+
+def test_a_line_says_how_few_coefficients_are_taken(tmp_path, capsys):
+    cameras = {"a": {**CAMERA, "dist": [0.1]}, "b": {**CAMERA, "D": [[0.1, 0.2]]}}
+    path = write(tmp_path, cameras)
+    for reader in (read_calibration, read_lenses):
+        reader(path)
+        told = capsys.readouterr().out
+        assert f"{path}: a single distortion coefficient is taken as k1; the others are 0." in told
+        assert "two distortion coefficients are taken as k1 and k2; the others are 0." in told
+    coefficients(write(tmp_path, {"a": {**CAMERA, "dist": FOUR}}))
+    assert "coefficient" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("label", [{"fisheye": True}, {"distortion_model": "equidistant"}])
+def test_coefficients_under_keys_of_their_own_may_be_a_fisheyes(tmp_path, label):
+    own = {"k1": 0.1, "k2": 0.2, "k3": 0.3, "k4": 0.4, "p1": 0}
+    path = write(tmp_path, {"a": {**CAMERA, **own, **label}})
+    (camera,) = read_calibration(path).cameras
+    assert camera.lens["camera_model"] == "OPENCV_FISHEYE"
+    assert [camera.lens[key] for key in ("k1", "k2", "k3", "k4")] == FOUR
+    assert read_lenses(path)["a"] == camera.lens
+
+
+def test_six_radial_coefficients_under_keys_of_their_own_are_opencvs(tmp_path):
+    own = {f"k{i}": i / 100 for i in range(1, 7)}
+    with pytest.raises(PrepareError, match="may be of OpenCV's fisheye"):
+        read_calibration(write(tmp_path, {"a": CAMERA | {f"k{i}": 0.1 for i in range(1, 5)}}))
+    (camera,) = read_calibration(write(tmp_path, {"a": {**CAMERA, **own}})).cameras
+    assert camera.lens["camera_model"] == "FULL_OPENCV"
+    assert {key: camera.lens[key] for key in own} == own and camera.lens["p1"] == 0
 
 
 def test_cameras_may_be_called_like_coefficients(tmp_path):

@@ -110,8 +110,8 @@ def test_a_pose_of_other_numbers_is_told(tmp_path, change):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"dist": "none"}, "camera a: dist must be 2 or 4 .* got none"),
-        ({"dist": True}, "camera a: dist must be 2 or 4 .* got 1"),
+        ({"dist": "none"}, "camera a: dist must be 1 or 2 or 4 .* got none"),
+        ({"dist": True}, "camera a: dist must be 1 or 2 or 4 .* got True"),
         ({"distParams": [0.1]}, "a.json: distParams of camera a is not read"),
         ({"K": np.transpose(MATRIX).tolist()}, "matrix of camera a .* Is it transposed"),
         ({"size": [640.5, 480]}, "size of camera a must be two whole numbers .* 640.5 x 480"),

@@ -1,8 +1,6 @@
 """Calibrations of other programs: one rig in every format is one rig."""
 
-import dataclasses
 import json
-import pathlib
 import re
 
 import numpy as np
@@ -10,12 +8,9 @@ import pytest
 from quads import arc
 from scipy.spatial.transform import Rotation
 
-from gaussray.prepare.calibrations.assign import assign_cameras, stills_by_camera
-from gaussray.prepare.calibrations.known_camera import Calibration, KnownCamera
 from gaussray.prepare.calibrations.read import read_calibration
 from gaussray.prepare.document import transform_matrix
 from gaussray.prepare.errors import PrepareError
-from gaussray.prepare.sources import Source
 
 
 WIDTH, HEIGHT = 640, 480
@@ -170,35 +165,9 @@ def test_every_format_gives_the_same_cameras(tmp_path, write):
         assert (lens["w"], lens["h"]) == size
 
 
-def source(name, width=WIDTH, height=HEIGHT):
-    return Source(name, pathlib.Path(f"{name}.mp4"), (), np.zeros(3), ((width, height),))
-
-
-def test_cameras_are_given_by_name_or_by_number(tmp_path):
-    known = read_calibration(write_toml(tmp_path))
-    given, remarks = assign_cameras(known, [source("Cam02"), source("view_1")])
-    assert given["Cam02"].pose == pytest.approx(POSES[1], abs=CLOSE)
-    assert given["view_1"].pose == pytest.approx(POSES[0], abs=CLOSE) and not remarks
-    with pytest.raises(PrepareError, match="got no left among cam01, cam02, cam03"):
-        assign_cameras(known, [source("left")])
-
-
-def test_a_camera_may_be_a_part_of_the_name_of_its_video(tmp_path):
-    text = write_toml(tmp_path).read_text()
-    for old, new in (("cam01", "back"), ("cam02", "top"), ("cam03", "side")):
-        text = text.replace(old, new)
-    (tmp_path / "c.toml").write_text(text)
-    known = read_calibration(tmp_path / "c.toml")
-    given, _ = assign_cameras(known, [source("minimal_Top"), source("minimal-back")])
-    assert given["minimal_Top"].pose == pytest.approx(POSES[1], abs=CLOSE)
-    with pytest.raises(PrepareError, match="got no stop"):
-        assign_cameras(known, [source("stop")])
-
-
 def test_cameras_of_the_panoptic_studio_are_called_as_its_videos(tmp_path):
-    known = read_calibration(write_panoptic(tmp_path))
-    given, _ = assign_cameras(known, [source("hd_00_02")])
-    assert given["hd_00_02"].pose == pytest.approx(POSES[1], abs=CLOSE)
+    known = {one.name: one.pose for one in read_calibration(write_panoptic(tmp_path)).cameras}
+    assert known["hd_00_02"] == pytest.approx(POSES[1], abs=CLOSE)
     (tmp_path / "a.json").write_text(json.dumps({"cameras": panoptic(type="other")}))
     names = [camera.name for camera in read_calibration(tmp_path / "a.json").cameras]
     assert names == ["00_01", "00_02", "00_03"]
@@ -219,16 +188,6 @@ def test_a_camera_of_the_panoptic_studio_needs_all_its_numbers(tmp_path, changes
     (tmp_path / "a.json").write_text(json.dumps({"cameras": panoptic(**changes)}))
     with pytest.raises(ValueError, match=re.escape(message)):
         read_calibration(tmp_path / "a.json")
-
-
-def test_another_size_is_scaled_and_another_shape_refused(tmp_path):
-    known = read_calibration(write_toml(tmp_path))
-    given, remarks = assign_cameras(known, [source("cam01", 320, 240)])
-    assert given["cam01"].lens["fl_x"] == pytest.approx(250) and "it is scaled" in remarks[0].text
-    given, remarks = assign_cameras(known, [source("cam01", 640, 488)])
-    assert given["cam01"].lens["fl_y"] == pytest.approx(505) and "as it is" in remarks[0].text
-    with pytest.raises(PrepareError, match="of the same shape"):
-        assign_cameras(known, [source("cam01", 480, 640)])
 
 
 @pytest.mark.parametrize(
@@ -286,67 +245,3 @@ def test_a_mirrored_rotation_is_refused(tmp_path):
     path.write_text(text.replace("500.0, 0", "-500.0, 0"))
     with pytest.raises(PrepareError, match="must have positive focal lengths"):
         read_calibration(path)
-
-
-def test_two_cameras_of_one_pose_are_refused(tmp_path):
-    cameras = read_calibration(write_toml(tmp_path)).cameras
-    copied = KnownCamera("cam03", cameras[2].lens, cameras[1].pose)
-    calibration = Calibration([*cameras[:2], copied])
-    with pytest.raises(PrepareError, match=r"for cam02 and cam03, .* Calibrate the poses"):
-        assign_cameras(calibration, [source(name) for name in NAMES])
-    # Two photographs may be from one place, unless nobody has calibrated it, or all are from it.
-    photographs = stills_by_camera(calibration, stills(*NAMES))
-    _, findings = assign_cameras(calibration, photographs)
-    (text,) = (one.text for one in findings if one.subject == "cameras")
-    assert text.startswith("cam02 and cam03 have the same pose") and "not matched" in text
-    nowhere = [KnownCamera(c.name, c.lens, np.eye(3, 4)) for c in cameras[1:]]
-    alike = [dataclasses.replace(camera, pose=cameras[0].pose) for camera in cameras]
-    for given in ([cameras[0], *nowhere], alike):
-        with pytest.raises(PrepareError, match="as if they had not been calibrated"):
-            assign_cameras(Calibration(given), photographs)
-    # Neither the same place alone nor the same rotation alone is a copy.
-    turned, moved = cameras[1].pose.copy(), cameras[1].pose.copy()
-    turn = Rotation.from_rotvec([0, 1e-3, 0]).as_matrix()
-    turned, moved[:, 3] = turn @ turned, moved[:, 3] + [0.001, 0, 0]
-    for pose in (turned, moved):
-        calibration = Calibration([*cameras[:2], KnownCamera("cam03", cameras[2].lens, pose)])
-        given, _ = assign_cameras(calibration, [source(name) for name in NAMES])
-        assert list(given) == list(NAMES)
-
-
-def test_two_videos_of_one_camera_are_refused(tmp_path):
-    known = read_calibration(write_toml(tmp_path))
-    with pytest.raises(PrepareError, match="got cam01 for both view_1 and cam_1"):
-        assign_cameras(known, [source("view_1"), source("cam_1")])
-
-
-def stills(*names):
-    """Pictures of one folder."""
-    paths = tuple(pathlib.Path("rig") / f"{name}.jpg" for name in names)
-    sizes = ((WIDTH, HEIGHT),) * len(names)
-    return [Source("rig", pathlib.Path("rig"), paths, np.zeros(0), sizes)]
-
-
-def test_a_picture_of_each_camera_in_one_folder_is_that_camera(tmp_path, capsys):
-    known = read_calibration(write_toml(tmp_path))
-    found = stills_by_camera(known, stills(*NAMES))
-    assert [(one.name, one.count) for one in found] == [(name, 1) for name in NAMES]
-    assert [one.pictures[0].name for one in found] == [f"{name}.jpg" for name in NAMES]
-    given, _ = assign_cameras(known, found)
-    assert list(given) == list(NAMES)
-    assert "each of the 3 pictures is of the camera of its name." in capsys.readouterr().out
-    # The camera may be a part of the name; one without a pose is told of by `assign_cameras`.
-    found = stills_by_camera(known, stills("cam_1_img_0", "cam_2_img_0"))
-    assert [one.name for one in found] == ["cam_1", "cam_2"]
-
-
-@pytest.mark.parametrize("names", [("cam01",), ("cam01", "view_1"), ("a_1", "b_9")])
-def test_other_pictures_of_one_folder_stay_together(tmp_path, names):
-    known, sources = read_calibration(write_toml(tmp_path)), stills(*names)
-    assert stills_by_camera(known, sources) == sources
-    with pytest.raises(PrepareError, match="put each picture into a folder of its own name"):
-        assign_cameras(known, sources)
-    both = [source("cam01"), source("left")]
-    assert stills_by_camera(known, both) == both
-    with pytest.raises(PrepareError, match="Rename the video or folder, or take it away"):
-        assign_cameras(known, both)
