@@ -56,7 +56,7 @@ class Aperture(eqx.Module):
         rotation: angle in radians, from +x towards up. The edges of the polygon have their middles
             at rotation + 2 pi k / blades.
         ratio: divides the horizontal radius (anamorphic lenses), above 0.
-        blades: below 3 a disc, otherwise a regular polygon inscribed in the disc.
+        blades: 0 is a disc, a number from 3 on a regular polygon inscribed in the disc.
         focus: "plane": in focus is the plane at depth `focus_distance`. "sphere": in focus is what
             lies at that distance along the ray, for lenses that see to 90 degrees and beyond.
         rim: a second disc that clips oblique rays; it lies nearer than what is in focus.
@@ -82,6 +82,11 @@ class Aperture(eqx.Module):
         require("aperture.rotation", self.rotation, np.isfinite, "finite")
         require("aperture.ratio", self.ratio, lambda a: np.isfinite(a) & (a > 0), "above 0")
         check_count("aperture.blades", self.blades, 0, "0 is a round aperture.")
+        if self.blades in (1, 2):
+            raise ValueError(
+                f"aperture.blades must be 0 (round) or at least 3 (a polygon), got {self.blades}. "
+                "Blender draws 1 and 2 as round: write 0."
+            )
         if self.focus not in FOCUS:
             raise ValueError(
                 f"aperture.focus must be one of {', '.join(FOCUS)}, got {self.focus!r}."
@@ -245,7 +250,7 @@ def _outline(aperture: Aperture, angle: Float[Array, ""]) -> Float[Array, "2"]:
         edges = aperture.edges
         polygon = _polygon(jnp.maximum(edges, 3), aperture.rotation, angle)
         xy = jnp.where(edges < 3, _circle(angle), polygon)
-    elif aperture.blades < 3:
+    elif aperture.blades == 0:
         xy = _circle(angle)
     else:
         xy = _polygon(aperture.blades, aperture.rotation, angle)

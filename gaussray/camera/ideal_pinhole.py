@@ -15,6 +15,8 @@ from gaussray.camera.trajectory import pose_at, static_trajectory
 
 # Largest field of view of an ideal pinhole, in degrees: at 170 the edge is enlarged 130 times.
 WIDEST = 170.0
+# Angles come in single precision, which this factor allows for.
+_ROUNDING = 1 + 1e-4
 
 
 def ideal_pinhole_of(camera: Camera) -> Camera:
@@ -49,7 +51,7 @@ def _perspective(camera: Camera, dtype) -> AbstractLens:
     if isinstance(lens, Pinhole | Division):
         return pinhole(jnp.asarray(lens.focal), jnp.asarray(lens.center))
     half = _half_angle(lens, film.width, film.height, dtype)
-    if not 0 < half <= np.deg2rad(WIDEST / 2):
+    if not 0 < half <= np.deg2rad(WIDEST / 2) * _ROUNDING:
         raise ValueError(
             f"labels: sharp needs a picture of at most {WIDEST:g} degrees across, which an ideal "
             f"pinhole can show, got {np.rad2deg(2 * half):.4g}. Leave sharp out, or take a lens "
@@ -63,7 +65,9 @@ def _perspective(camera: Camera, dtype) -> AbstractLens:
 
 def _half_angle(lens: AbstractLens, width: int, height: int, dtype) -> float:
     """Largest angle from the camera's axis, in radians, along the picture's middle row."""
-    column = np.linspace(0, width, 4 * width + 1)
+    # An edge at the lens's rim may be black by rounding; what is just inside of it is not.
+    inside = width * np.array([1e-6, 1 - 1e-6])
+    column = np.concatenate([np.linspace(0, width, 4 * width + 1), inside])
     row = jnp.asarray(np.stack([column, np.full_like(column, height / 2)], axis=-1), dtype)
     direction: Float[Array, "places 3"] = jax.vmap(jax.tree.map(jnp.asarray, lens).direction)(row)
     directions = np.asarray(direction, np.float64)

@@ -29,10 +29,11 @@ from gaussray.capture.formats.middlebury import PAR_FILE, middlebury_file, read_
 from gaussray.capture.formats.nerfies import DATASET_FILE, is_nerfies, read_nerfies
 from gaussray.capture.formats.neural3d import read_neural3d, videos_of
 from gaussray.capture.formats.neus import CAMERA_FILES, neus_file, read_neus
-from gaussray.capture.formats.no_capture import media_folder, remedy_for
+from gaussray.capture.formats.no_capture import remedy_for
 from gaussray.capture.formats.openmvg import SFM_DATA_FILES, openmvg_file, read_openmvg
 from gaussray.capture.formats.opensfm import RECONSTRUCTION_FILES, opensfm_file, read_opensfm
 from gaussray.capture.formats.paired import effect_files, read_capture
+from gaussray.capture.formats.picture_folder import media_folder
 from gaussray.capture.formats.pinf import INFO_FILE, is_pinf, read_pinf
 from gaussray.capture.formats.poses_bounds import POSES_FILE, read_poses_bounds
 from gaussray.capture.formats.record3d import METADATA_FILES, read_record3d, record3d_file
@@ -98,7 +99,7 @@ FORMAT_FILES = {
     "record3d": f"{METADATA_FILES[0]} of Record3D, and pictures in rgb/",
     "sevenscenes": f"{POSE_FILES}, frame-*.color.png or .jpg, and camera-intrinsics.txt",
     "kitti": f"poses.txt of twelve numbers a line, {KITTI_CALIBRATION}, and pictures in image_2/, "
-    "image_0/ or image_l/",
+    "image_0/, image_l/ or images/",
     "tum": f"{TRAJECTORY_FILES[0]} (or another trajectory of eight numbers a line), pictures in "
     "rgb/ with timestamps, and camera-intrinsics.txt",
     "euroc": f"mav0/cam0/data/ and {SENSOR_FILE} beside it, and the table of the body",

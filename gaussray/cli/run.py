@@ -1,12 +1,15 @@
 """Runs a command: parses its words, runs it, reports its errors."""
 
+import contextlib
 import os
+import signal
 import sys
 import time
 import traceback
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 from gaussray.cli.commands import RUN, view
@@ -40,12 +43,15 @@ from gaussray.runtime.provenance import RUN_RECORD, command_arguments, record_du
 from gaussray.runtime.resource_errors import is_full, is_memory, memory_message
 
 
-# How to resume each command after an interruption.
+# How to resume each command after an interruption; others start anew.
 RESUME = {
     "reconstruct": "The same command with resume=auto",
     "render": "The same command",
     "demo": "The same command",
 }
+# Commands that keep large temporary files in the output folder: SIGTERM ends them as an interrupt
+# does, so that these are removed.
+_TIDY = ("prepare",)
 
 
 def run_and_report(words: list[str]) -> None:
@@ -61,11 +67,13 @@ def run_and_report(words: list[str]) -> None:
 def _run_and_report(words: list[str]) -> None:
     """Run the command; turn errors into messages and exit codes."""
     try:
-        _dispatch(words)
+        with _terminated_as_interrupted(words[0]):
+            _dispatch(words)
     except KeyboardInterrupt:
         if words[0] == "view":
             return
-        _fail(f"interrupted. {_resume_hint(words[0])}", 130)
+        hint = _resume_hint(words[0]) or "The same command starts anew."
+        _fail(f"interrupted. {hint}", 130)
     except (ValueError, OSError, RuntimeError, MemoryError) as error:
         if is_memory(error) and not os.environ.get("GAUSSRAY_TRACEBACK"):
             _fail(memory_message(words[0], error, _resume_hint(words[0])))
@@ -88,6 +96,25 @@ def _resume_hint(command: str) -> str:
     """The sentence after an interruption that says how to resume the command; empty if it cannot be
     resumed."""
     return f"{RESUME[command]} continues where it stopped." if command in RESUME else ""
+
+
+@contextlib.contextmanager
+def _terminated_as_interrupted(command: str) -> Iterator[None]:
+    """Within the block SIGTERM interrupts a command of `_TIDY`, as Ctrl-C does."""
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    before = None
+    if command in _TIDY:
+        # Only the main thread may change that.
+        with contextlib.suppress(ValueError):
+            before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        if before is not None:
+            signal.signal(signal.SIGTERM, before)
 
 
 def _dispatch(words: list[str]) -> None:

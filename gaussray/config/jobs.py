@@ -91,16 +91,17 @@ def render_job(
         samples=options.samples,
         format=as_type(str, cfg.format, "format"),
         measure=focus_meter.subject_distance,
+        within=_time_range(scene) if _flow_labels(labels) else None,
     )
     physical.check_shape(units, (record.camera.film for record in records))
     check_cameras(in_scene_units, records)
     _note_of_times(scene, records, tell)
     if note is not None and in_scene_units.aperture.radius:
         note_depth_of_field(in_scene_units.aperture, records[0].camera, options, focus_meter, note)
-    interval = frame_interval(views)
-    labels = _possible_labels(labels, records, interval, tell)
+    labels = _possible_labels(labels, records, views, tell)
+    _note_of_flow(labels, records, views, tell)
     info = physical.units_record(rig, units)
-    dataset = DatasetOptions(sensor, labels, fps, info, interval)
+    dataset = DatasetOptions(sensor, labels, fps, info)
     return RenderJob(scene, records, options, trace, dataset)
 
 
@@ -122,8 +123,7 @@ def _note_of_times(
     scene: Scene | Clip, records: Sequence[FrameRecord], note: Callable[[str], Any]
 ) -> None:
     """Say how many pictures are exposed far outside of the scene's times, where nothing moves."""
-    ranges = np.array([np.asarray(segment.time_range) for segment in segments_of(scene)])
-    begin, end = float(ranges.min()), float(ranges.max())
+    begin, end = _time_range(scene)
     windows: dict[int, tuple[float, float]] = {}
     outside = 0
     for camera in (record.camera for record in records):
@@ -140,32 +140,67 @@ def _note_of_times(
         )
 
 
+def _time_range(scene: Scene | Clip) -> tuple[float, float]:
+    """First and last time of a scene."""
+    ranges = np.array([np.asarray(segment.time_range) for segment in segments_of(scene)])
+    return float(ranges.min()), float(ranges.max())
+
+
+def _flow_labels(labels: Sequence[str]) -> list[str]:
+    return [name for name in labels if name.startswith("flow_")]
+
+
 def _possible_labels(
     labels: Sequence[str],
     records: Sequence[FrameRecord],
-    interval: float,
+    views: Sequence[View],
     note: Callable[[str], Any],
 ) -> Sequence[str]:
-    """The labels without flow, if no frame has a neighbour in time."""
-    flow = [name for name in labels if name.startswith("flow_")]
-    times = {(record.camera_name, float(record.camera.time)) for record in records}
-    lone = len(times) == len({name for name, _ in times})
-    if not (flow and lone):
-        return labels
-    if interval > 0:
-        note(
-            f"{', '.join(flow)}: every camera has one frame, so flow leads to the capture's next "
-            f"frame, {interval:g} in time away."
-        )
+    """The labels without flow, if all frames and the views of the capture have one time."""
+    flow = _flow_labels(labels)
+    # Apart, because cameras have their times in single precision.
+    of_records = {float(record.camera.time) for record in records}
+    if not flow or len(of_records) > 1 or len({view.time for view in views}) > 1:
         return labels
     note(f"labels: without {', '.join(flow)}, because there is one time and no other frame.")
     return [name for name in labels if name not in flow]
 
 
-def frame_interval(views: Sequence[View]) -> float:
-    """The least time between two frames of a capture; 0 if all have one time."""
-    times = np.unique([view.time for view in views])
-    return float(np.min(np.diff(times))) if len(times) > 1 else 0.0
+def _note_of_flow(
+    labels: Sequence[str],
+    records: Sequence[FrameRecord],
+    views: Sequence[View],
+    note: Callable[[str], Any],
+) -> None:
+    """Say where flow leads from the only frames of their cameras, and which have none."""
+    lone = [record for record in records if record.neighbours is not None]
+    of_capture = {view.camera_name for view in views}
+    owner = "that camera" if all(r.camera_name in of_capture for r in lone) else "its first camera"
+    for label in _flow_labels(labels):
+        side, which = (1, "next") if label == "flow_forward" else (0, "previous")
+        steps, without = dict[str, list[str]](), list[str]()
+        for record in lone:
+            other = (record.neighbours or (None, None))[side]
+            if other is None:
+                without.append(record.camera_name)
+                continue
+            step = f"{abs(float(other.time) - float(record.camera.time)):.4g}"
+            steps.setdefault(step, []).append(record.camera_name)
+        for step, names in steps.items():
+            note(
+                f"{label} of the only frame of {_first(names)} leads to the capture's {which} "
+                f"frame of {owner}, {step} in time away."
+            )
+        if without:
+            note(
+                f"{label} of the only frame of {_first(without)} is NaN: the capture has no "
+                f"{which} frame of {owner} within the scene's times."
+            )
+
+
+def _first(names: Sequence[str]) -> str:
+    """Few names, or the first of many and how many others there are."""
+    return ", ".join(names) if len(names) < 4 else f"{names[0]} and {len(names) - 1} others"
 
 
 def chosen_views(

@@ -5,7 +5,15 @@ from collections.abc import Sequence
 from hydra.errors import HydraException
 from omegaconf.errors import OmegaConfBaseException
 
-from gaussray.config.schema import RENAMED, choices, commands, groups, keys, todays_word
+from gaussray.config.schema import (
+    PATH_KEYS,
+    RENAMED,
+    choices,
+    commands,
+    groups,
+    keys,
+    todays_word,
+)
 from gaussray.config.suggest import did_you_mean
 
 
@@ -85,6 +93,11 @@ def _problem_of(command: str, word: str) -> str:
         return f"{name} is now called {RENAMED[name]}{_SIZE_HINT.get(name, '.')}"
     if name in candidates and "," in value and not value.startswith(("[", "{", '"', "'")):
         short = value[:_SHOWN]
+        if name in PATH_KEYS:
+            return (
+                f"{name}: a path with a comma needs quotes inside those of the shell. Write "
+                f"\"{name}='{short}'\"."
+            )
         return f"{name} must be one value or a list, got {short!r}. Write '{name}=[{short}]'."
     if name in candidates or any(key.startswith(f"{name}.") for key in candidates):
         return ""

@@ -16,6 +16,8 @@ from gaussray.config.jobs import has_cameras, render_job
 from gaussray.config.launch import launch_jobs
 from gaussray.config.options import build_options
 from gaussray.config.run_folder import begin_run_folder
+from gaussray.config.schema import choice_keys, choices, groups, keys
+from gaussray.config.suggest import did_you_mean
 from gaussray.config.yaml_files import to_plain
 from gaussray.dataset.layouts import LAYOUT_LABELS, write_layout
 from gaussray.dataset.sample_manifest import MANIFEST, write_sample_manifest
@@ -165,7 +167,11 @@ def sample_source(cfg: Configuration, overrides: Sequence[str]) -> SampleSource:
     Args:
         cfg: the composed configuration, with the distributions in its `sample`.
         overrides: words that it was composed from; each sample adds its drawn values to them.
+
+    Raises:
+        ValueError: a distribution is malformed, or is of no key of the configuration.
     """
+    _check_drawn_keys(cfg, overrides)
     variations = Variations("render", overrides)
     read, cameras = functools.lru_cache(_KEPT)(load), functools.lru_cache(_KEPT)(rigs.load_views)
     options = build_options(DrawOptions, cfg.dataset)
@@ -203,6 +209,33 @@ def sample_source(cfg: Configuration, overrides: Sequence[str]) -> SampleSource:
         make_job,
         options,
     )
+
+
+def _check_drawn_keys(cfg: Configuration, overrides: Sequence[str]) -> None:
+    """Refuse distributions of what is no key, and choices that a group does not have: another draw
+    of them is as impossible."""
+    here = groups("render")
+    known = {*here, *keys("render")}
+    known |= {
+        f"{group}.{k}" for group in here for c in choices(group) for k in choice_keys(group, c)
+    }
+    # The files of a search path may define other choices, and keys.
+    only_ours = not any(word.startswith("hydra.searchpath") for word in overrides)
+    for key, spec in read_distributions(to_plain(cfg.get("sample") or {})).items():
+        group, _, name = key.rpartition(".")
+        node = OmegaConf.select(cfg, group) if group else cfg
+        if key not in known and not (OmegaConf.is_dict(node) and name in node):
+            raise ValueError(
+                f"sample.{key}: {key} is no key of `gaussray render`.{did_you_mean(key, known)} "
+                "Its `--help=all` lists them."
+            )
+        drawn = map(str, spec.get("choice", ())) if key in here and only_ours else ()
+        other = next((choice for choice in drawn if choice not in choices(key)), None)
+        if other is not None:
+            raise ValueError(
+                f"sample.{key}.choice must be among {', '.join(choices(key))}, got {other!r}."
+                f"{did_you_mean(other, choices(key))}"
+            )
 
 
 def all_distributions(

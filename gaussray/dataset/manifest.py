@@ -38,6 +38,8 @@ class FrameRecord:
         mask_path: file of the mask.
         depth_file_path: file of the depth.
         labels: files of the labels, by kind.
+        neighbours: cameras of the frames before and after it, for flow where it is the only frame
+            of its camera; None where it names none. They are not written.
     """
 
     file_path: str
@@ -49,6 +51,7 @@ class FrameRecord:
     mask_path: str | None = None
     depth_file_path: str | None = None
     labels: Mapping[str, str] | None = None
+    neighbours: tuple[Camera | None, Camera | None] | None = None
 
 
 class ManifestEntry(NamedTuple):

@@ -73,9 +73,10 @@ def evaluate(
 
     Returns:
         The content of report.json. Under `effects`, for each effect: means over the pictures of
-        `psnr` (dB) and `ssim`; the same inside the lens's field of view (`psnr_masked`) and inside
-        the disc that the fisheye benchmark scores (`psnr_circle`), where these are not the whole
-        picture;
+        `psnr` (dB) and `ssim`, where pixels that the distortion of a pinhole lens leaves without a
+        ray do not count; the same inside the lens's field of view, less a rim of one pixel
+        (`psnr_masked`), and inside the disc that the fisheye benchmark scores (`psnr_circle`),
+        where these are not the whole picture;
         PSNR of moving pixels; `flicker` of static pixels beside the capture's own; FLIP and LPIPS
         if their packages are installed; frames per second without compilation; under `parts` the
         same for training views, held-out cameras and held-out times.
@@ -199,7 +200,8 @@ class _Evaluation:
         """A picture's scores."""
         ours, real = srgb_levels(frame.color), view_levels(view)
         visible = visible_mask(view.camera)
-        row = _score(real, ours, visible, masks.moving(view, real))
+        fills = view.camera.lens.fills_picture
+        row = _score(real, ours, visible, masks.moving(view, real), fills=fills)
         row |= {name: measure(real, ours) for name, measure in self.perceptual.items()}
         row["seconds"] = None if frame.compiled else frame.seconds
         row["part"] = _part(view, self.trained)
@@ -283,9 +285,18 @@ def _score(
     ours: UInt8[np.ndarray, "h w 3"],
     visible: Bool[np.ndarray, "h w"] | None,
     moving: Bool[np.ndarray, "h w"] | None,
+    *,
+    fills: bool,
 ) -> dict[str, Any]:
-    """The scores of a picture; `moving` is the summed squared error and its number of values."""
-    score: dict[str, Any] = {"psnr": psnr(real, ours), "ssim": ssim(real, ours)}
+    """The scores of a picture; `moving` is the summed squared error and its number of values.
+
+    Where a lens should fill the picture (`fills`), pixels without a ray do not count: the scene
+    cannot show there what the picture does. Around the circle of a fisheye both are black.
+    """
+    counted = visible if fills else None
+    score: dict[str, Any] = {"psnr": psnr(real, ours, counted), "ssim": ssim(real, ours, counted)}
+    if moving is not None and counted is not None:
+        moving = moving & counted
     if visible is not None:
         for name, mask in (("masked", visible), ("circle", circle_mask(visible.shape))):
             score[f"psnr_{name}"] = psnr(real, ours, mask)

@@ -1,8 +1,13 @@
 """Whether a lens is one that exists: field of view, principal point, distortion."""
 
+from pathlib import Path
+
 import numpy as np
 from jaxtyping import Bool, Float
 
+from gaussray.camera.lens import check_lens
+from gaussray.camera.lens.registry import models_by_camera_model
+from gaussray.capture.formats.json_keys import Keys
 from gaussray.capture.formats.lenses import LARGEST_DARK_SHARE, unusual_pixels
 from gaussray.prepare.lens_models import LensKeyValues, fisheye_angles, lens_fov
 from gaussray.prepare.sparse_model import camera_of, pixel_rays
@@ -77,16 +82,25 @@ def _turning_back(lens: LensKeyValues) -> tuple[str, str]:
             "distortion that turns back within the picture, of which about "
             f"{percent:.0f} % get no viewing direction"
         )
-    # In steps of five, so that like cameras are told of together.
     return "warn", (
         "distortion that turns back before the corners of the picture, of which about "
-        f"{max(5 * round(percent / 5), 1)} % get no viewing direction and do not count"
+        f"{max(round(percent), 1)} % get no viewing direction and do not count"
     )
 
 
 def _dark_share(lens: LensKeyValues) -> float:
-    """Share of the picture that has no viewing direction: of the middles of 32 x 32 fields."""
-    return float(_dark(lens, (np.arange(32) + 0.5) / 32).mean())
+    """Share of the picture that has no viewing direction, as the readers of captures find it; of a
+    fisheye that of the middles of 32 x 32 fields."""
+    if "FISHEYE" in lens["camera_model"]:
+        return float(_dark(lens, (np.arange(32) + 0.5) / 32).mean())
+    keys = Keys(Path("transforms.json"), dict(lens))
+    block = Keys(keys.file, {}, keys.frame, "lens.")
+    try:
+        model = models_by_camera_model()[lens["camera_model"]].from_keys(keys, block, np.float32)
+        return check_lens(model, lens["w"], lens["h"], dark=1.0)
+    except ValueError:
+        # Two pixels share a direction, which readers refuse.
+        return 1.0
 
 
 def _dark(lens: LensKeyValues, share: Float[np.ndarray, " shares"]) -> Bool[np.ndarray, " pixels"]:

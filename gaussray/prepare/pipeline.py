@@ -1,5 +1,7 @@
 """From videos to a capture: frames, one clock, poses, checks."""
 
+import re
+import shutil
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -24,6 +26,7 @@ from gaussray.prepare.findings.exposures import exposure_findings
 from gaussray.prepare.findings.finding import Finding, merged_findings
 from gaussray.prepare.findings.lenses import lens_findings
 from gaussray.prepare.findings.points import point_findings
+from gaussray.prepare.findings.same_pictures import same_picture_findings
 from gaussray.prepare.given_lens import given_lenses
 from gaussray.prepare.masks import copy_masks
 from gaussray.prepare.media import copy_media
@@ -41,6 +44,7 @@ from gaussray.prepare.timeline import (
     tell_numbers,
     thinned_timeline,
 )
+from gaussray.runtime.lock import locks_output
 from gaussray.runtime.progress import say
 
 
@@ -49,8 +53,11 @@ FACTS_FILE = "prepare.json"
 
 # Pairs of pictures whose epipolar lines are drawn.
 _PAIRS = 6
+# The folder of pictures and databases for COLMAP; a process that is killed leaves it.
+_WORK = ".prepare"
 
 
+@locks_output
 def prepare_capture(
     videos: Path | str, out: Path | str, *, options: PrepareOptions | None = None
 ) -> dict[str, Any]:
@@ -69,8 +76,10 @@ def prepare_capture(
         FileNotFoundError: The folder or the calibration does not exist.
         PrepareError: No capture can be made; the message says why and what to do. If the checks
             say so, prepare.json is written and transforms.json is not.
+        OSError: Another process writes to `out`, or it cannot be written.
     """
     options, out = options or PrepareOptions(), Path(out)
+    _remove_leftovers(out)
     pycolmap()
     sources, known, remarks = _calibrated(find_sources(videos), options)
     if known is None:
@@ -91,16 +100,24 @@ def prepare_capture(
     files = copy_media(sources, timeline, out)
     copy_masks(sources, timeline, files, needed=options.poses.masks)
     out.mkdir(parents=True, exist_ok=True)
-    folder = tempfile.TemporaryDirectory(dir=out, prefix=".prepare")
+    folder = tempfile.TemporaryDirectory(dir=out, prefix=_WORK)
     with panels_in_errors(sources), folder as work, quiet_colmap():
         placement = find_poses(sources, timeline, files, known, Path(work), options, lenses)
         files = {name: own[:: placement.stride] for name, own in files.items()}
-        placement, strays = without_strays(placement, files)
+        placement, strays = without_strays(placement)
         # All timestamps tell how well the clocks agree.
         clocks = sync_findings(sources, sync, timeline, options.sync)
         timeline = thinned_timeline(timeline, placement.stride)
         remarks = [*remarks, *strays, *clocks]
         return _checked(sources, sync, timeline, files, placement, remarks, out, options)
+
+
+def _remove_leftovers(out: Path) -> None:
+    """Remove what killed processes left for COLMAP in the output folder, which this one has
+    locked."""
+    for folder in out.glob(f"{_WORK}*"):
+        if re.fullmatch(r"[a-z0-9_]{8}", folder.name.removeprefix(_WORK)) and folder.is_dir():
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 def refusal(facts: dict[str, Any]) -> str:
@@ -140,6 +157,7 @@ def _checked(
     gains = exposure_gains(placement, levels)
     found = [*remarks]
     found += camera_findings(placement)
+    found += same_picture_findings(placement)
     found += lens_findings(placement) if placement.model.pictures else []
     found += point_findings(placement)
     found += epipolar_findings(placement, pairs)

@@ -52,6 +52,8 @@ class Placement:
         known: poses and lenses come from a calibration.
         stride: of so many timestamps one is used (`moving_stride`); timestamps of `pictures` and
             `keypoints` count those alone.
+        more_instants: `frames.instants` that would find more matches of cameras that stand still; 0
+            if there are none, or no further timestamps.
     """
 
     model: SparseModel
@@ -61,6 +63,7 @@ class Placement:
     still: frozenset[str]
     known: bool
     stride: int = 1
+    more_instants: int = 0
 
 
 def find_poses(
@@ -122,7 +125,9 @@ def find_poses(
         if known is None:
             _check_features(work / _FEATURES)
     placement = _placed(work, written, still, known, options, lenses is not None)
-    return dataclasses.replace(placement, stride=stride)
+    total, used = len(timeline.times), options.frames.instants
+    more = min(2 * used, total) if still and total > used else 0
+    return dataclasses.replace(placement, stride=stride, more_instants=more)
 
 
 def _check_features(database: Path) -> None:

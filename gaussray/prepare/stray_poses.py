@@ -1,12 +1,14 @@
-"""Poses of single pictures that cannot be believed: they rest on nothing, or lie far off."""
+"""Poses of single pictures that cannot be believed: they rest on nothing, lie far off, or are
+contradicted by the matches."""
 
 import dataclasses
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool
 
+from gaussray.prepare.contradictions import contradicted_pictures
 from gaussray.prepare.findings.finding import Finding
+from gaussray.prepare.placed_cameras import picture_name
 from gaussray.prepare.poses import Placement
 from gaussray.prepare.sparse_model import camera_centres, kept_pictures, observations_by_picture
 
@@ -18,35 +20,40 @@ _FEWEST = 15
 _FARTHEST = 50.0
 
 
-def without_strays(
-    placement: Placement, files: dict[str, list[Path]]
-) -> tuple[Placement, list[Finding]]:
+def without_strays(placement: Placement) -> tuple[Placement, list[Finding]]:
     """The placement without pictures whose pose cannot be believed, and a warning that names them.
 
-    Of cameras that do not stand still, these are pictures with hardly an observation; of all,
-    those far outside the others. Poses of a calibration are all kept.
+    Of cameras that do not stand still, these are pictures with hardly an observation, and those
+    whose matches contradict their poses while those of the others fit; of all, pictures far outside
+    the others. Poses of a calibration are all kept.
 
     Args:
         placement: poses of the registered pictures.
-        files: for each camera the file of each timestamp.
     """
     if placement.known or not placement.model.pictures:
         return placement, []
-    pictures = [placement.pictures[name] for name in placement.model.pictures]
+    files = placement.model.pictures
+    pictures = [placement.pictures[file] for file in files]
     moving = np.array([picture.camera not in placement.still for picture in pictures])
     few = moving & (observations_by_picture(placement.model) < _FEWEST)
     far = _far_off(placement)
-    left = few | far
+    believed = _kept(placement, ~(few | far))
+    found = contradicted_pictures(believed)
+    off = {file: found[file] for file, moves in zip(files, moving, strict=True)
+           if moves and file in found}  # fmt: skip
+    contradicted = np.isin(files, list(off))
+    left = few | far | contradicted
     if not left.any():
         return placement, []
     reasons = []
     for wrong, reason in (
         (far, f"more than {_FARTHEST:.0f} times as far from the middle as most are"),
         (few & ~far, f"fewer than {_FEWEST} observations"),
+        (contradicted, _distances_text(off)),
     ):
         names = [
-            files[picture.camera][picture.instant].name if moves else picture.camera
-            for picture, moves, stray in zip(pictures, moving, wrong, strict=True)
+            picture_name(picture, placement)
+            for picture, stray in zip(pictures, wrong, strict=True)
             if stray
         ]
         if names:
@@ -58,7 +65,23 @@ def without_strays(
         "Take the pictures away, or add others between them and their neighbours. Pictures of "
         "cameras that stand still belong into a folder of each camera.",
     )
-    return dataclasses.replace(placement, model=kept_pictures(placement.model, ~left)), [finding]
+    return _kept(placement, ~left), [finding]
+
+
+def _kept(placement: Placement, keep: Bool[np.ndarray, " pictures"]) -> Placement:
+    return dataclasses.replace(placement, model=kept_pictures(placement.model, keep))
+
+
+def _distances_text(off: dict[str, tuple[float, float]]) -> str:
+    """How far off the matches of some pictures are, and those of the others, in pixels."""
+    if not off:
+        return ""
+    least, most = min(own for own, _ in off.values()), max(own for own, _ in off.values())
+    listed = f"{least:.2g}" if len(off) == 1 else f"{least:.2g} to {most:.2g}"
+    return (
+        f"matches are {listed} pixels from their epipolar lines, those of the others "
+        f"{max(rest for _, rest in off.values()):.2g}"
+    )
 
 
 def _far_off(placement: Placement) -> Bool[np.ndarray, " pictures"]:

@@ -12,6 +12,7 @@ import numpy as np
 from gaussray.color import LEAST_MSE, psnr_from_mse
 from gaussray.reconstruct.block_sizes import BlockSizes
 from gaussray.reconstruct.held_out import held_out_scorer
+from gaussray.reconstruct.motion_budget import motion_budget
 from gaussray.reconstruct.optimize.density import density_control, density_due
 from gaussray.reconstruct.optimize.free_space import without_near_gaussians
 from gaussray.reconstruct.optimize.state import State
@@ -106,12 +107,23 @@ def _say_changed(session: Session, plan: StepPlan, done: int) -> None:
     if plan.stopped == done:
         say(f"Held-out tiles no longer improve at step {done}: the fit ends at step {plan.steps}.")
     elif isinstance(plan, TimedPlan) and plan.seconds_of_fewest:
-        minutes, given = plan.seconds_of_fewest / 60, session.options.fit.minutes
-        needed = math.ceil(10 * given * plan.seconds_of_fewest / plan.seconds) / 10
-        say(
-            f"fit.minutes={given:g} is too short for this stage: {plan.steps} steps, its "
-            f"fewest, take about {minutes:.1f} minutes; fit.minutes={needed:g} has time for them."
-        )
+        say(short_time_sentence(session.options.fit.minutes, plan))
+
+
+def short_time_sentence(minutes: float, plan: TimedPlan) -> str:
+    """What is said where the fewest steps of a stage take longer than it has.
+
+    Args:
+        minutes: fit.minutes, of which the stage may get a share.
+        plan: that of the stage, with `seconds_of_fewest`.
+    """
+    share, fewest = plan.seconds / 60, plan.seconds_of_fewest / 60
+    needed = math.ceil(10 * minutes * fewest / share) / 10
+    gets = f" gets {share:.1f} minutes of them, and" if share < minutes else ""
+    return (
+        f"fit.minutes={minutes:g} is too short: this stage{gets} takes about {fewest:.1f} minutes "
+        f"for {plan.steps} steps, its fewest. fit.minutes={needed:g} has time for them."
+    )
 
 
 def planned_steps(session: Session, progress: RunProgress) -> StepPlan:
@@ -154,5 +166,6 @@ def _with_density_control(
         options=options,
         extent=session.extent,
         limit=(progress.limit[0] // part, progress.limit[1] // part),
+        most=motion_budget(session, progress.moved)._asdict(),
         seed=session.options.fit.seed + 2 * done + (progress.stage == "fine"),
     )

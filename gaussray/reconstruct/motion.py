@@ -25,6 +25,7 @@ from gaussray.reconstruct.initialize.transients import (
     starting_times,
 )
 from gaussray.reconstruct.initialize.unexplained import UnexplainedPixels
+from gaussray.reconstruct.motion_budget import motion_budget
 from gaussray.reconstruct.optimize.optimizer import Parameters, shortest_lifetime
 from gaussray.reconstruct.optimize.rows import occupied, take_rows, with_rows
 from gaussray.reconstruct.optimize.state import State, begin_state
@@ -215,10 +216,11 @@ def first_transients(
         moved: which pixels what stands still does not show, where cameras move.
     """
     fit, density = session.options.fit, session.options.density
+    most = motion_budget(session, None if moved is None else moved.tile_counts()).transient
     first = initial_transients(
         clouds,
         starting_times(session.times, fit.instants),
-        count=density.gaussians // 2,
+        count=min(density.gaussians // 2, most),
         degree=fit.degree,
         seed=fit.seed,
     )
@@ -233,7 +235,7 @@ def first_transients(
             stacklevel=2,
         )
         return None
-    rows = density.gaussians if density.relocates else first.count
+    rows = most if density.relocates else first.count
     step = 8 * session.mesh.size
     shortest = shortest_lifetime(session.cameras.times, first.instant)
     return with_rows(unconstrain_transients(first, shortest), -(-rows // step) * step)

@@ -60,8 +60,9 @@ def reconstruct(
     `out`/segments until all are there. Cameras are refined in the first segment.
 
     Besides scene.npz, `out` gets metrics.jsonl (one line per block of steps), requirement.json (the
-    report of pruning), cameras.json (the cameras as refined), and, while the run lasts,
-    checkpoint.npz; and motion.json and refine.json, the scores of trials, if there were any.
+    report of pruning), cameras.json (the cameras as refined, for pictures as large as the
+    capture's), and, while the run lasts, checkpoint.npz; and motion.json and refine.json, the
+    scores of trials, if there were any.
 
     Pictures of cameras that stand still and that nothing synchronises are looked at together at
     common times; their rays keep the times at which they were recorded (`with_common_times`).
@@ -148,7 +149,7 @@ def _fit_segments(
         if is_primary():
             _save(file, scene, report)
             if file == files[0]:
-                write_refined_cameras(log.out / "cameras.json", session, state)
+                write_refined_cameras(log.out / "cameras.json", session, state, plan.recorded)
         # Hosts that write no file do not know its size.
         if not quiet:
             for sentence in segment_sentences(session, state, report, first=file == files[0]):

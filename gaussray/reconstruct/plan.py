@@ -32,6 +32,7 @@ class FitPlan(NamedTuple):
 
     Args:
         capture: the pictures, as large as they are fitted.
+        recorded: the same pictures, as large as they were given.
         options: all options, with what device, capture and trials decided.
         segments: the segments.
         shared: what trials found out of the first segment, for its fit.
@@ -39,6 +40,7 @@ class FitPlan(NamedTuple):
     """
 
     capture: Capture
+    recorded: Capture
     options: ReconstructOptions
     segments: list[Segment]
     shared: SharedResults
@@ -95,7 +97,7 @@ def fit_plan(
         parts = segments(chosen.capture, options.fit.segment)
         fits = replace(fits, capture=chosen.capture, segment=parts[0], shared=SharedResults())
     options = with_refinement_tried(fits, chosen.options, resume=resume, say=say)
-    return FitPlan(chosen.capture, options, parts, fits.shared, scores)
+    return FitPlan(chosen.capture, capture, options, parts, fits.shared, scores)
 
 
 def _of_trial_part(fits: TrialFits, most: int, say: Callable[[str], None]) -> TrialFits:

@@ -15,6 +15,7 @@ from gaussray.camera.refined_cameras import (
     gains,
     refined_frames,
 )
+from gaussray.capture.capture import Capture
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.reconstruct.backdrop_shell import with_backdrop_shell
 from gaussray.reconstruct.checks.doubtful_views import doubtful_views
@@ -110,17 +111,20 @@ def pruned_segment(
     return scene, report
 
 
-def write_refined_cameras(path: Path, session: Session, state: State) -> None:
+def write_refined_cameras(path: Path, session: Session, state: State, recorded: Capture) -> None:
     """Write every camera of the capture as refined, what was refined, and the gains and colour
     matrices that were found.
 
+    Corrections are relative to the focal length, so that they hold for pictures of any size.
+
     Args:
         path: the JSON file.
-        session: the capture's views and cameras.
+        session: the capture's cameras as they were fitted.
         state: the fitted state, for its corrections.
+        recorded: the capture, its pictures of the size that is written.
     """
     corrections, names = state.parameters.corrections, session.names
-    views = session.capture.views
+    views = recorded.views
     frames = [(view.camera_name, view.camera) for view in views]
     cameras = refined_frames(corrections, session.cameras, names, frames)
     records = [

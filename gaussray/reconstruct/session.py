@@ -15,7 +15,7 @@ from gaussray.camera.camera import Camera
 from gaussray.camera.corrections import refined_kinds, refined_views
 from gaussray.capture.capture import Capture
 from gaussray.capture.points import Points
-from gaussray.reconstruct.data.backdrop import backdrop_of
+from gaussray.reconstruct.data.backdrop import backdrop_of, backdrop_sentence
 from gaussray.reconstruct.data.held_out_tiles import HoldOut, held_out_tiles
 from gaussray.reconstruct.data.loader import GrowingWindow, Loader
 from gaussray.reconstruct.data.motion_mask import moved_pixels
@@ -32,7 +32,7 @@ from gaussray.reconstruct.optimize.state import State
 from gaussray.reconstruct.options import ReconstructOptions
 from gaussray.reconstruct.run_progress import RunProgress
 from gaussray.reconstruct.shared_results import SharedResults
-from gaussray.runtime.progress import Progress, ProgressReport
+from gaussray.runtime.progress import Progress, ProgressReport, say
 from gaussray.scene.gaussians import constrain
 from gaussray.scene.scene import Scene, key_count
 from gaussray.tracer.bundle import FAN
@@ -107,6 +107,10 @@ class Session:
         )
         self.backdrop = backdrop_of(self.footage)
         if self.backdrop is not None:
+            if not quiet and not self.is_continuation:
+                # Once, also where trials of options come first.
+                sentence = backdrop_sentence(self.backdrop)
+                self.shared.once(sentence, lambda: say(sentence))
             # What stands before it is all that there is.
             options = eqx.tree_at(lambda o: o.fit, options, replace(options.fit, surround=0.0))
         self.options = _with_tile_levels(options, self.footage)

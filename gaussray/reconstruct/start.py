@@ -14,6 +14,7 @@ from gaussray.reconstruct.data.motion_mask import point_activity
 from gaussray.reconstruct.initialize.from_points import on_points, surrounding, thinned
 from gaussray.reconstruct.initialize.stereo.uncovered import VIEWS, hiding
 from gaussray.reconstruct.initialize.stereo.view_sets import first_views
+from gaussray.reconstruct.motion_budget import motion_budget
 from gaussray.reconstruct.optimize.free_space import FreeBalls, free_balls
 from gaussray.reconstruct.optimize.optimizer import Parameters
 from gaussray.reconstruct.optimize.rows import occupied, take_rows, with_rows
@@ -136,16 +137,21 @@ def _with_room(
     limit = tuple(int(count * growth) for count in _counts(moves))
     density, (still, moving) = session.options.density, _least_shares()
     # A multiple of 8 on every device.
-    step = 8 * session.mesh.size
+    step, most_moving = 8 * session.mesh.size, motion_budget(session, None).moving
 
-    def part(chosen: Bool[np.ndarray, " gaussians"], share: float) -> Unconstrained:
+    def part(
+        chosen: Bool[np.ndarray, " gaussians"], share: float, most: int = progress.most
+    ) -> Unconstrained:
         selected = take_rows(gaussians, np.flatnonzero(chosen))
         rows = int(selected.count * growth) if density.interval else selected.count
         if density.relocates and session.options.fit.transient:
             rows = rows_beside_transients(selected.count, progress.most, share=share)
+            rows = min(rows, max(most, selected.count))
         return with_rows(unconstrain(selected), -(-rows // step) * step)
 
-    parameters = Parameters(part(~moves, still), part(moves, moving), None, corrections)
+    parameters = Parameters(
+        part(~moves, still), part(moves, moving, most_moving), None, corrections
+    )
     return begin_state(parameters), replace(progress, limit=limit)
 
 

@@ -203,6 +203,6 @@ def _write_labels(
     assigned = {record.file_path for record in items_of_this_process(missing)}
     progress = Progress("labels", len(assigned), quiet=quiet or not is_primary())
     labeller = Labeller(renderer.scenes[0], options=renderer.options, trace=renderer.trace)
-    written = write_labels(out, records, assigned, options.labels, labeller, options.interval)
+    written = write_labels(out, records, assigned, options.labels, labeller)
     for done, record in enumerate(written, 1):
         progress.report(done, record.effect)

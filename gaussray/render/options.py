@@ -93,12 +93,9 @@ class DatasetOptions:
         labels: names of `aov.labeller.LABELS`, which are written beside the pictures.
         fps: frames per second of the videos.
         info: facts that are copied into the manifests.
-        interval: time to the next frame, for flow labels of a single frame, in the capture's unit;
-            0 if there is none.
     """
 
     sensor: SensorOptions = NO_SENSOR
     labels: Sequence[str] = ()
     fps: float = 8.0
     info: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    interval: float = 0.0

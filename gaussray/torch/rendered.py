@@ -120,7 +120,7 @@ class RenderedFrames(IterableDataset[Item]):
         records = with_label_files(job.records, job.dataset.labels)
         check_dataset(job.scene, records, job.dataset)
         frames, count = records[: len(job.records)], len(job.records)
-        near = neighbour_cameras(frames, job.dataset.interval)
+        near = neighbour_cameras(frames)
         for i, record in enumerate(frames):
             yield _FrameJob(sample, [record, *records[count + i :: count]], near[record.file_path])
 

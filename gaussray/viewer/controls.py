@@ -30,7 +30,8 @@ ControlValues = dict[str, Any]
 class Slider(NamedTuple):
     """A slider for the configuration `key` from `low` to `high`, with a tooltip (`hint`).
 
-    `is_visible` decides from the current values whether the slider has an effect.
+    `is_visible` decides from the current values whether the slider has an effect. Values in
+    `skipped` count as `low`.
     """
 
     key: str
@@ -40,6 +41,11 @@ class Slider(NamedTuple):
     step: float
     hint: str
     is_visible: Callable[[Mapping[str, Any]], bool] = lambda values: True
+    skipped: tuple[float, ...] = ()
+
+    def value_at(self, shown: float) -> float:
+        """The value of the key where the slider shows a number."""
+        return self.low if shown in self.skipped else shown
 
     @property
     def group(self) -> str:
@@ -82,6 +88,7 @@ def sliders(distance: float, span: float) -> list[Slider]:
         Slider(
             "aperture.blades", "blades", 0, 9, 1,
             "Number of aperture blades, the edges of the blur shape. Below 3: round.", has_aperture,
+            skipped=(1, 2),
         ),
         Slider(
             "shutter.readout", "readout time", 0.0, time, time / 200,

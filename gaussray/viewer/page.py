@@ -196,7 +196,7 @@ class Page:
         if self._setter == threading.get_ident():
             return
         kind = type(self.model.initial_values[one.key])
-        self.values[one.key] = kind(self.handles[one.key].value)
+        self.values[one.key] = kind(one.value_at(self.handles[one.key].value))
         self._set(one.group, table.nearest_choice(one.group, self.values))
         self.update_visibility()
         self.refresh()

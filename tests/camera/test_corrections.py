@@ -1,5 +1,7 @@
 """Corrections of cameras: nothing at zero, what they say otherwise, no more than can be told."""
 
+import dataclasses
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -245,6 +247,29 @@ def test_equal_lenses_share_what_is_found_of_them_also_where_others_are_scored(f
     np.testing.assert_allclose(c.lens.focal, np.exp(-0.2) * longer.lens.focal, rtol=SAME)
     np.testing.assert_array_equal(held_out.shutter.row_step, c.shutter.row_step)
     assert eqx.tree_equal(another.lens, LENSES["f_theta"])
+
+
+@pytest.mark.parametrize("name", LENSES)
+def test_what_smaller_pictures_find_holds_for_the_whole_ones(name, filmed):
+    """A run on scaled pictures writes the corrections of the cameras as they were recorded."""
+    whole = through(LENSES[name])
+    film = whole.film
+    old, new = (film.width, film.height), (film.width // 4, film.height // 2)
+    box = (0, 0, *old)
+
+    def scaled(camera):
+        lens = camera.lens.resized(old, box, new)
+        resized = dataclasses.replace(film, width=new[0], height=new[1])
+        return dataclasses.replace(camera, film=resized, lens=lens)
+
+    small = scaled(whole)
+    known = camera_set(np.arange(1), stack([small]), extent=2.0, refine=("lens",))
+    row = jnp.arange(3 + bending(whole.lens).shape[0], dtype=jnp.float32)
+    given = Corrections(lens=(0.02 * jnp.cos(row))[None])
+    (found,) = refined_frames(given, known, "a", [("a", small)])
+    (kept,) = refined_frames(given, known, "a", [("a", whole)])
+    for a, b in zip(jax.tree.leaves(found.lens), jax.tree.leaves(scaled(kept).lens), strict=True):
+        np.testing.assert_allclose(a, b, rtol=SAME, atol=SAME)
 
 
 def test_gains_are_told_by_name_and_their_mean_is_one(cameras):

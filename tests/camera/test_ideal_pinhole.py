@@ -11,9 +11,10 @@ from gaussray.camera.aperture import Aperture
 from gaussray.camera.camera import Camera
 from gaussray.camera.film import Film
 from gaussray.camera.ideal_pinhole import ideal_pinhole_of
-from gaussray.camera.lens import Division, KannalaBrandt, RayTable, pinhole
+from gaussray.camera.lens import PROJECTIONS, Division, KannalaBrandt, RayTable, pinhole
 from gaussray.camera.shutter import Shutter
 from gaussray.camera.trajectory import Trajectory
+from gaussray.render.rig.lens import LensOptions, build_lens
 
 
 def filmed(lens):
@@ -71,6 +72,14 @@ def test_a_fisheye_becomes_the_pinhole_of_the_same_angle_across():
     twin = ideal_pinhole_of(filmed(fisheye(12.5)))
     edge = np.asarray(twin.lens.direction(jnp.array([20.0, 5.5])))
     np.testing.assert_allclose(np.arctan2(edge[0], edge[2]), 0.8, rtol=1e-12)
+
+
+@pytest.mark.parametrize("projection", PROJECTIONS)
+def test_what_a_pinhole_just_shows_is_not_refused_for_its_rounding(projection):
+    lens = build_lens(Film(20, 20), LensOptions(projection, 170.0))
+    camera = filmed(lens)
+    twin = ideal_pinhole_of(dataclasses.replace(camera, film=Film(20, 20)))
+    np.testing.assert_allclose(twin.lens.focal, 10 / np.tan(np.radians(85)), rtol=1e-3)
 
 
 def test_more_than_a_pinhole_shows_is_refused():

@@ -20,17 +20,19 @@ PIXELS = 1e-4
 LENS = {"camera_model": "OPENCV", "fl_x": 40, "fl_y": 42, "cx": 22, "cy": 17, "k1": 0.05}
 
 
-def lay(folder, size):
-    """A capture of one camera whose pictures have another size than its manifest says."""
+def lay(folder, *sizes):
+    """A capture of one camera whose pictures have other sizes than its manifest says; one size is
+    that of two pictures."""
+    sizes = sizes if len(sizes) > 1 else 2 * sizes
     pose = np.eye(4).tolist()
     frames = [
-        {"file_path": f"{k}.png", "transform_matrix": pose, "time": k / 2, "camera": "a"}
-        for k in range(2)
+        {"file_path": f"{k}.png", "transform_matrix": pose, "time": k / len(sizes), "camera": "a"}
+        for k in range(len(sizes))
     ]
     rolling = {"shutter": {"row_offset": -0.1, "row_step": 0.01}}
     document = {"w": W, "h": H, **LENS, **rolling, "split": "train", "frames": frames}
     folder.mkdir(exist_ok=True)
-    for frame in frames:
+    for frame, size in zip(frames, sizes, strict=True):
         write_image(folder / frame["file_path"], np.full((size[1], size[0], 3), 90, np.uint8))
     (folder / "transforms.json").write_text(json.dumps(document))
     return folder
@@ -78,3 +80,35 @@ def test_pictures_of_another_shape_are_an_error(tmp_path, size):
         CaptureError, match=f"must be w x h = {W} x {H} .*, got {size[0]} x {size[1]}.*with fl_x"
     ):
         read_encoded(view)
+
+
+def test_pictures_of_several_sizes_have_cameras_of_their_own(tmp_path):
+    sizes = [(24, 17), (W, H), (96, 66), (24, 16)]
+    with pytest.warns(CaptureWarning) as told:
+        views = open_capture(lay(tmp_path, *sizes)).views
+    (text,) = [str(one.message) for one in told]
+    assert "3 of 4 pictures are of 3 sizes from 24 x 16 to 96 x 66 where the cameras say" in text
+    point = jax.numpy.array([0.2, -0.1, 1.0])
+    place = np.asarray(views[1].camera.lens.project(point)) / (W, H)
+    for view, size in zip(views, sizes, strict=True):
+        assert read_encoded(view).shape == (size[1], size[0], 3)
+        found = np.asarray(view.camera.lens.project(point))
+        np.testing.assert_allclose(found, place * np.array(size), atol=PIXELS)
+
+
+def test_of_several_sizes_those_of_another_shape_are_named_with_what_the_file_says(tmp_path):
+    folder = lay(tmp_path, (24, 17), (40, 17), (W, H), (24, 17), (H, W))
+    with pytest.warns(CaptureWarning) as told:
+        views = open_capture(folder, selection=Selection(scale=0.5)).views
+    (text,) = [str(one.message) for one in told]
+    assert "2 of 5 pictures are 24 x 17 where the cameras say 48 x 33; lens and shutter" in text
+    # A lying picture may be turned by its orientation: its reader decides.
+    assert "1 other has another aspect ratio, such as 1.png with 40 x 17, and cannot" in text
+    shapes = [read_encoded(views[k]).shape for k in (0, 2, 3)]
+    assert shapes == [(8, 12, 3), (16, 24, 3), (8, 12, 3)]
+    for k, size in (1, (40, 17)), (4, (H, W)):
+        with pytest.raises(
+            CaptureError,
+            match=rf"{k}\.png: .* {W} x {H} as its camera says, got {size[0]} x {size[1]}",
+        ):
+            read_encoded(views[k])

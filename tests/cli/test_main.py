@@ -174,6 +174,7 @@ def test_an_unknown_command(fails):
         (["+shutter.exposur=1"], "shutter.exposur is unknown"),
         (["+shutter.exposur=1"], "Did you mean exposure?"),
         (["lens=fisheey"], "got 'fisheey'. Did you mean fisheye?"),
+        (["scene=a,b"], "scene: a path with a comma needs quotes inside those of the shell"),
         (["labels=depth,time"], "labels must be one value or a list, got 'depth,time'. Write 'la"),
         (["--lens", "fisheye"], "must be key=value, got '--lens'. Leave out --."),
         (["lens", "=", "fisheye"], "must be key=value, got 'lens'. Write lens=VALUE without sp"),

@@ -1,5 +1,7 @@
 """What `gaussray prepare` prints: what is doubtful, and what to do about it."""
 
+import signal
+
 import pytest
 
 from gaussray.cli.main import main
@@ -27,3 +29,24 @@ def test_remedies_are_printed_and_a_report_is_named_only_if_there_is_one(
     doubtful = len(findings) > 1
     assert ("1 doubtful:\n- exposure: b differs. Lock it.\n" in said) == doubtful
     assert (f"See {tmp_path}/out/report.html." in said) == (doubtful and report)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interruption_says_that_the_command_starts_anew(tmp_path, monkeypatch, capsys, number):
+    """SIGTERM ends it as Ctrl-C does: what is in the middle of its work cleans up."""
+    cleaned = []
+
+    def prepare(*_, **__):
+        try:
+            signal.raise_signal(number)
+        finally:
+            cleaned.append(True)
+
+    before = signal.getsignal(signal.SIGTERM)
+    monkeypatch.setattr("gaussray.prepare.prepare_capture", prepare)
+    (tmp_path / "in").mkdir()
+    with pytest.raises(SystemExit) as ended:
+        main(["prepare", f"videos={tmp_path}/in", f"out={tmp_path}/out"])
+    assert ended.value.code == 130 and cleaned
+    assert "gaussray: interrupted. The same command starts anew." in capsys.readouterr().err
+    assert signal.getsignal(signal.SIGTERM) is before

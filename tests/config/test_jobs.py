@@ -11,10 +11,10 @@ from gaussray.render.rig.rig import load_views
 from gaussray.scene.store import save_scene
 
 
-def notes(folder, split, *overrides, about="held out"):
+def notes(folder, split, *overrides, about="held out", times=toy.TIMES):
     """The lines that a job gives about the cameras of a run with this split in place of others."""
     save_scene(folder / "scene.npz", toy.scene())
-    listed = toy.records()
+    listed = toy.records(times)
     if split:
         listed = [dataclasses.replace(record, split=split) for record in listed]
     write_manifest(folder / "cameras.json", listed)
@@ -47,3 +47,22 @@ def test_pictures_far_outside_of_the_scenes_times_are_told(tmp_path):
     assert "of the scene's times, 0 to 1" in line and "physical.*" in line
     (line,) = notes(tmp_path, None, "shutter.trigger=[100]", about=about)
     assert line.startswith("3 of 3 ")
+
+
+def test_where_flow_of_an_only_frame_leads_is_told_for_each_case(tmp_path):
+    asked = "labels=[flow_forward,flow_backward]"
+    middle, end = "camera.times=[0.5]", "camera.times=[1.0]"
+    forth, back = notes(tmp_path, None, asked, middle, about="flow_")
+    assert forth.startswith("flow_forward of the only frame of cam_3 leads to the capture's next ")
+    assert back.endswith("previous frame of that camera, 0.5 in time away.")
+    forth, back = notes(tmp_path, None, asked, end, about="flow_")
+    assert forth.startswith("flow_forward of the only frame of cam_3 is NaN: the capture has no ")
+    assert back.startswith("flow_backward of the only frame of cam_3 leads")
+    ride = ("trajectory=between", "trajectory.steps=1", "camera.split=train", middle)
+    forth, _ = notes(tmp_path, None, asked, *ride, about="flow_")
+    assert "of ride leads" in forth and forth.endswith("of its first camera, 0.5 in time away.")
+    (line,) = notes(tmp_path, None, asked, about="flow_", times=(0.2,))
+    assert line.startswith("labels: without flow_forward, flow_backward, because there is one time")
+    # Every frame has another one of its camera, or none is asked for.
+    assert not notes(tmp_path, None, asked, about="flow_")
+    assert not notes(tmp_path, None, middle, about="flow_")

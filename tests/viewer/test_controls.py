@@ -29,6 +29,11 @@ def begin():
     return values
 
 
+def test_a_lens_has_no_one_or_two_blades():
+    blades = next(one for one in sliders(3.0, 1.0) if one.key == "aperture.blades")
+    assert [blades.value_at(shown) for shown in (0, 1, 2, 3, 9)] == [0, 0, 0, 3, 9]
+
+
 def test_every_control_is_a_key_of_the_configuration():
     cfg = compose_config("view", ["scene=x"])
     for one in sliders(3.0, 1.0):

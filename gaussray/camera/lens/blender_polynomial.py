@@ -183,14 +183,42 @@ class FisheyePolynomial(CorrectableLens):
 
 def _from_options(film: Film, options: LensOptions) -> FisheyePolynomial:
     k, size = coefficients_of(options, 5), film_size(film)
-    side = min(options.sensor) if options.sensor else 2 * _sensor_radius(k, half_angle(options))
+    sensor = _sensor(film, options.sensor)
+    if sensor is None:
+        sensor = 2 * _sensor_radius(k, half_angle(options)) * size / size.min()
     return FisheyePolynomial(
         to_device(k),
-        to_device(side * size / size.min(), jnp.float32),
+        to_device(sensor, jnp.float32),
         to_device(size),
         to_device(np.zeros(2), jnp.float32),
         to_device(2 * half_crop(options), jnp.float32),
     )
+
+
+def _sensor(film: Film, sensor: tuple[float, ...]) -> Float[np.ndarray, "2"] | None:
+    """Width and height in mm of a sensor of square pixels, whose smaller side is as given; None if
+    none is given.
+
+    Raises:
+        ValueError: `sensor` is no size, or its shape is not the picture's to half a pixel.
+    """
+    if not sensor:
+        return None
+    given, size = np.asarray(sensor, np.float64), np.array([film.width, film.height])
+    if given.shape != (2,) or not np.all(np.isfinite(given) & (given > 0)):
+        raise ValueError(
+            "lens.sensor must be [width, height] in mm, two numbers above 0, got "
+            f"{given.tolist()}. Write both sides, such as lens.sensor=[36,24]."
+        )
+    # As `physical.sensor`.
+    if abs(size[1] - size[0] * given[1] / given[0]) > 0.5:
+        part = np.min(given / size) * size
+        raise ValueError(
+            f"lens.sensor must have the shape of the picture, {film.width} x {film.height} pixels, "
+            f"got {given.tolist()} mm. Give the part of the sensor that the picture shows, such as "
+            f"lens.sensor=[{part[0]:.6g},{part[1]:.6g}], or a film.size of the sensor's shape."
+        )
+    return given.min() * size / size.min()
 
 
 def _sensor_radius(k: Float[np.ndarray, "5"], half: float) -> float:

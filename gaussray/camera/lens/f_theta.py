@@ -137,7 +137,6 @@ def _from_options(film: Film, options: LensOptions) -> FTheta:
     if kind not in POLYNOMIALS:
         raise ValueError(f"lens.polynomial must be one of {', '.join(POLYNOMIALS)}, got {kind!r}.")
     k = coefficients_of(options, *range(2, 8))
-    limit = to_device(limit_of_angle(k.tolist(), half_crop(options), kind), jnp.float32)
     focal = 1.0
     if options.fov is not None:
         half = half_angle(options)
@@ -145,13 +144,39 @@ def _from_options(film: Film, options: LensOptions) -> FTheta:
         if kind == "radius_of_angle":
             rim = float(np.polynomial.polynomial.polyval(half, k))
         focal = float(film_size(film).min()) / 2 / rim
+    if options.fov is None and options.crop is None:
+        limit = _covering_limit(film, k.astype(np.float64), kind)
+    else:
+        limit = limit_of_angle(k.tolist(), half_crop(options), kind)
     return FTheta(
         focal=to_device(np.full(2, focal), jnp.float32),
         center=to_device(film_size(film) / 2),
         coefficients=to_device(k),
-        limit=limit,
+        limit=to_device(limit, jnp.float32),
         polynomial=kind,
     )  # type: ignore[call-arg]  # max_angle is a property
+
+
+def _covering_limit(film: Film, k: Float[np.ndarray, " coefficients"], polynomial: str) -> float:
+    """`FTheta.limit` of a lens of focal length 1 that fills its picture, corners and two pixels of
+    filter included, or shows the whole sphere; of coefficients that `FTheta` refuses, any."""
+    corner = float(np.hypot(*(film_size(film) / 2 + 2)))
+    of_angle = polynomial == "radius_of_angle"
+    reached, most = (corner, np.pi) if of_angle else (np.pi, corner)
+    roots = np.polynomial.polynomial.polyroots(np.append(k[0] - reached, k[1:]))
+    real = [x.real for x in roots if abs(x.imag) < 1e-9 * abs(x) and x.real > 0]
+    limit = min([*real, most])
+    place = np.linspace(0, limit, 1025)
+    turns = np.diff(np.polynomial.polynomial.polyval(place, k)) <= 0
+    if k[1] > 0 and turns.any():
+        angle = place if of_angle else np.polynomial.polynomial.polyval(place, k)
+        widest = 2 * np.rad2deg(angle[int(np.argmax(turns))])
+        raise ValueError(
+            f"lens.k must be monotone up to the corners of a picture of {film.width} x "
+            f"{film.height} pixels, got {np.float32(k).tolist()}, which turn back at {widest:.4g} "
+            "degrees across. Give lens.crop, or a smaller picture."
+        )
+    return limit
 
 
 def _from_keys(keys: LensKeys, block: LensKeys, dtype: DTypeLike) -> FTheta:

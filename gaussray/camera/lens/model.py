@@ -21,12 +21,12 @@ class LensOptions(eqx.Module):
         model: `keep` (the capture's lens) or the name of a `LensModel`.
         fov: field of view in degrees, which sets the focal length. Perspective models and
             equirectangular: across the width of the picture. Others: across its smaller side.
-        crop: field of view in degrees beyond which a fisheye's picture is black; None is `fov`. It
-            does not change the focal length.
+        crop: field of view in degrees beyond which a fisheye's picture is black; None is `fov`, or
+            the whole picture for an f_theta without `fov`. It does not change the focal length.
         k: coefficients of the model.
         sensor: width and height of the sensor in mm, on which a fisheye_polynomial has its focal
-            length (its smaller side is the picture's, its shape follows the picture's); empty is
-            the focal length that `fov` says.
+            length; its shape is the picture's, to half a pixel. Empty is the focal length that
+            `fov` says.
         fov_y: angle from top to bottom in degrees (equirectangular).
         polynomial: direction of the polynomial, angle_of_radius or radius_of_angle (f_theta).
         file: table of directions, .npz or .exr (table).
@@ -163,7 +163,9 @@ def half_crop(options: LensOptions, widest: float = 180.0) -> float:
 
 def _half_of(key: str, degrees: float | None, model: str, widest: float) -> float:
     if degrees is None or not 0 < degrees <= 2 * widest:
-        raise ValueError(f"lens.{key} must be in (0, {2 * widest:g}] for {model}, got {degrees}.")
+        raise ValueError(
+            f"lens.{key} must be in (0, {2 * widest:g}] for {_choices(model)}, got {degrees}."
+        )
     return np.deg2rad(degrees) / 2
 
 
@@ -180,7 +182,12 @@ def coefficients_of(options: LensOptions, *counts: int) -> Float[np.ndarray, " c
     if len(options.k) not in counts:
         rule = " or ".join(str(count) for count in counts)
         raise ValueError(
-            f"lens.k must hold {rule} coefficients for {options.model}, got {len(options.k)}. "
-            "docs/lenses.md has their order and units."
+            f"lens.k must hold {rule} coefficients for {_choices(options.model)}, got "
+            f"{len(options.k)}. docs/lenses.md has their order and units."
         )
     return np.array(options.k, np.float32)
+
+
+def _choices(model: str) -> str:
+    """A model as users choose it: conf/lens/ has other names for some."""
+    return {"pinhole": "pinhole and opencv", "fisheye_polynomial": "fisheye"}.get(model, model)

@@ -104,9 +104,9 @@ class RadialLens(ParametricLens):
         r = np.asarray(jax.vmap(self.radius)(jnp.linspace(0, angle, 257)))
         if not np.all(np.diff(r) > 0):
             raise ValueError(
-                f"{key} must be monotone: r(theta) may not turn back below lens.max_angle = "
-                f"{float(angle):.4g} (half of lens.fov, in radians), got {self._shape()}. "
-                "Lower lens.max_angle."
+                f"{key} must be monotone: r(theta) may not turn back within half of the field of "
+                f"view, {float(angle):.4g} radians, got {self._shape()}. Lower lens.fov (or "
+                "lens.crop), or use weaker coefficients."
             )
 
     def _shape(self) -> list[float]:

@@ -55,12 +55,14 @@ def read_aperture(keys: Keys, dtype: DTypeLike) -> Aperture:
     block = keys.block("aperture", known)
     if block is None:
         block = Keys(keys.file, {"radius": 0, "focus_distance": 1}, keys.frame, "aperture.")
+    blades = block.count("blades", 0, least=0)
     return Aperture(
         radius=to_device(block.number("radius"), dtype),
         focus_distance=_focus(block, dtype),
         rotation=to_device(block.number("rotation", 0.0), dtype),
         ratio=to_device(block.number("ratio", 1.0), dtype),
-        blades=block.count("blades", 0, least=0),
+        # Manifests of earlier versions may have 1 or 2, which were round.
+        blades=blades if blades > 2 else 0,
         focus=block.choice("focus", FOCUS, "plane"),
         rim=_rim(block, dtype),
     )

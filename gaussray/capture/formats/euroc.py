@@ -49,6 +49,27 @@ def euroc_file(folder: Path) -> Path | None:
     return next((path for path in paths if path.is_file()), None)
 
 
+def euroc_near_miss(folder: Path) -> str:
+    """What a folder with a camera or a trajectory of EuRoC's lacks; empty if it has neither, or
+    lacks nothing."""
+    home = _home(folder)
+    table = next((home / name / _TABLE for name in _TRAJECTORIES if (home / name).is_dir()), None)
+    sensor = min(home.glob(f"{_CAMERAS}/{SENSOR_FILE}"), default=None)
+    found = sensor or table
+    if found is None or not found.is_file() or euroc_file(folder) is not None:
+        return ""
+    where = home.relative_to(folder)
+    lacking = []
+    if not any((path / "data").is_dir() for path in home.glob(_CAMERAS)):
+        camera = sensor.parent.name if sensor else "cam0"
+        lacking.append(f"pictures in {where / camera / 'data'}/, named by nanoseconds")
+    if table is None or not table.is_file():
+        others = " or ".join(f"{name}/" for name in _TRAJECTORIES[1:])
+        lacking.append(f"the trajectory {where / _TRAJECTORIES[0] / _TABLE} (or in {others})")
+    needs = " and ".join(lacking)
+    return f"{found.relative_to(folder)} is a file of EuRoC's. It needs {needs}."
+
+
 def read_euroc(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
     """The pictures of the cameras of a body that moves, by their times in seconds.
 
@@ -69,9 +90,8 @@ def read_euroc(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
     folder = Path(folder)
     path = euroc_file(folder)
     if path is None:
-        raise FileNotFoundError(
-            f"{folder}: holds no {_HOME}/{_TRAJECTORIES[0]}/{_TABLE} beside {_HOME}/cam0/data/."
-        )
+        lacks = f"holds no {_HOME}/{_TRAJECTORIES[0]}/{_TABLE} beside {_HOME}/cam0/data/."
+        raise FileNotFoundError(f"{folder}: {euroc_near_miss(folder) or lacks}")
     rows = np.stack([values for _, values in read_rows(path, 8, _ROW)])
     times, quats = rows[:, 0] * 1e-9, rows[:, [5, 6, 7, 4]]
     top = Keys(folder / _HOME, {})

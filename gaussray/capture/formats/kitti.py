@@ -1,6 +1,7 @@
 """Captures in the layout of KITTI's odometry (Geiger et al. 2012): pictures in `image_2/`, a line
 with the pose of each, and projections of rectified cameras in `calib.txt`."""
 
+import itertools
 import re
 from pathlib import Path
 from typing import NamedTuple
@@ -18,6 +19,7 @@ from gaussray.capture.formats.number_files import (
     lines_of,
     read_rows,
 )
+from gaussray.capture.formats.picture_folder import only_picture_folder
 from gaussray.capture.formats.picture_places import KNOWN_SUFFIXES
 from gaussray.capture.formats.posed_pictures import PosedPicture, posed_capture
 from gaussray.io.natural_order import natural_order
@@ -31,7 +33,12 @@ _PAIRS = (
     {"image_0": 0, "image_1": 1},
     {"image_l": 0, "image_r": 1},
 )
+# Without them, the pictures of one camera are in this folder, or in the only one of pictures.
+_FOLDER = "images"
 _POSES_FILE, KITTI_CALIBRATION, _TIMES_FILE = "poses.txt", "calib.txt", "times.txt"
+_OTHER_POSES = ("ground_truth.txt", "groundtruth.txt")
+# Files that are looked at for poses, at most.
+_LOOKED_AT = 50
 _LABEL = re.compile(r"P(?:_rect_0)?(\d):\s*(.*)")
 _ROW = "twelve numbers: three rows of four of a matrix from the camera to the world"
 _PROJECTION = "twelve finite numbers: three rows of four of K [I | t] of a rectified camera"
@@ -48,15 +55,58 @@ def kitti_file(folder: Path) -> Path | None:
     """The file of poses of such a capture; None if the folder holds none, or no pictures.
 
     It is `poses.txt`, `NN.txt`, or `poses/NN.txt` beside `sequences/`, where NN is the name of the
-    folder.
+    folder, else `ground_truth.txt`. Beside a calibration, the only other text of twelve columns
+    will do.
     """
-    if not any((folder / name).is_dir() for pair in _PAIRS for name in pair):
+    if not _cameras(folder):
         return None
+    known, others = _poses_files(folder)
+    if known:
+        return known[0]
+    only = len(others) == 1 and (folder / KITTI_CALIBRATION).is_file()
+    return others[0] if only else None
+
+
+def kitti_near_miss(folder: Path) -> str:
+    """What a folder with poses of such a capture lacks; empty if it has none, or lacks nothing."""
+    known, others = _poses_files(folder)
+    if not known and not others or kitti_file(folder) is not None:
+        return ""
+    lacking = []
+    if not known and len(others) > 1:
+        lacking.append(f"one file of poses, to be called {_POSES_FILE}")
+    if not (folder / KITTI_CALIBRATION).is_file():
+        lacking.append(f"{KITTI_CALIBRATION} with projections (P0: and twelve numbers)")
+    if not _cameras(folder):
+        lacking.append(f"pictures in image_2/, image_0/, image_l/ or {_FOLDER}/")
+    needs = " and ".join(lacking)
+    first = [*known, *others][0].name
+    return f"{first} has twelve numbers a line, as poses of KITTI have. It needs {needs}."
+
+
+def _cameras(folder: Path) -> dict[str, int | None]:
+    """The folders of pictures with the numbers of their projections; None is the first one of the
+    calibration."""
+    for pair in _PAIRS:
+        if any((folder / name).is_dir() for name in pair):
+            return dict(pair)
+    if not (folder / KITTI_CALIBRATION).is_file():
+        return {}
+    place = only_picture_folder(folder, (_FOLDER,))
+    return {} if place is None else {place.name: None}
+
+
+def _poses_files(folder: Path) -> tuple[list[Path], list[Path]]:
+    """The files with twelve columns that have a name of a file of poses, and other texts."""
     home = folder.resolve()
     own = f"{home.name}.txt"
     paths = [folder / _POSES_FILE, folder / own, *sorted(folder.glob("[0-9][0-9].txt"))]
     paths.append(home.parent.parent / "poses" / own)
-    return next((path for path in paths if columns_of(path) == 12), None)
+    paths += [folder / name for name in _OTHER_POSES]
+    texts = itertools.islice(folder.glob("*.txt"), _LOOKED_AT)
+    others = [path for path in sorted(texts) if not path.name.startswith("calib")]
+    known = [path for path in dict.fromkeys(paths) if columns_of(path) == 12]
+    return known, [path for path in others if path not in paths and columns_of(path) == 12]
 
 
 def read_kitti(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
@@ -65,12 +115,13 @@ def read_kitti(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
     A line of the poses takes camera 0 to the world, in OpenCV's axes. It belongs to the picture of
     its number, from 0, or in order where there are as many lines as pictures. The lens and place of
     camera i follow from its projection Pi = K [I | t] in `calib.txt` (`P2: ...`, or a line for each
-    from P0); the middle of the first pixel is 0. Times are seconds, of `times.txt`; without it
-    picture i of n is at time i / n. None is held out.
+    from P0); pictures in another folder than KITTI's have the first projection. The middle of the
+    first pixel is 0. Times are seconds, of `times.txt`; without it picture i of n is at time i / n.
+    None is held out.
 
     Args:
         folder: the folder with `image_2/` (and `image_3/`), else with `image_0/` (and `image_1/`)
-            or `image_l/` (and `image_r/`).
+            or `image_l/` (and `image_r/`), else with `images/` or a single folder of pictures.
         dtype: type of the cameras' numbers.
 
     Raises:
@@ -80,31 +131,38 @@ def read_kitti(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
     folder = Path(folder)
     path = kitti_file(folder)
     if path is None:
-        raise FileNotFoundError(
-            f"{folder}: holds no {_POSES_FILE} with twelve numbers a line beside image_2/, "
-            "image_0/ or image_l/."
+        lacks = (
+            f"holds no {_POSES_FILE} with twelve numbers a line beside image_2/, image_0/, "
+            f"image_l/ or {_FOLDER}/."
         )
+        raise FileNotFoundError(f"{folder}: {kitti_near_miss(folder) or lacks}")
     calibration = folder / KITTI_CALIBRATION
     if not calibration.is_file():
         raise FileNotFoundError(
             f"{calibration}: no such file. It must have the projections of the cameras, such as "
             "P2: fx 0 cx tx 0 fy cy ty 0 0 1 tz."
         )
-    pairs = [pair for pair in _PAIRS if any((folder / name).is_dir() for name in pair)]
-    filmed = {name: _pictures(folder / name) for name in pairs[0]}
+    cameras = _cameras(folder)
+    filmed = {name: _pictures(folder / name) for name in cameras}
     filmed = {name: pictures for name, pictures in filmed.items() if pictures}
     if not filmed:
-        raise CaptureError(f"{folder}: {' and '.join(pairs[0])} must hold pictures, got none.")
+        raise CaptureError(f"{folder}: {' and '.join(cameras)} must hold pictures, got none.")
     top = Keys(calibration, {})
-    others = [name for pair in pairs[1:] for name in pair if (folder / name).is_dir()]
+    every = (name for pair in _PAIRS for name in pair if name not in cameras)
+    others = [name for name in every if (folder / name).is_dir()]
     if others:
         top.warn(f"{', '.join(filmed)} is read, and {', '.join(others)} is not.")
     projections = _projections(calibration)
+    if None in cameras.values() and len(projections) > 1:
+        top.warn(
+            f"{', '.join(filmed)} is taken as the pictures of P{next(iter(projections))}, the "
+            "first projection. Call the folder image_2 for those of P2, for example."
+        )
     rows = read_rows(path, 12, _ROW)
     times = _times(folder, len(rows))
     pictures = []
     for name, numbered in filmed.items():
-        camera = _camera(calibration, projections, pairs[0][name])
+        camera = _camera(calibration, projections, cameras[name])
         in_order = len(numbered) == len(rows)
         for k, (number, picture) in enumerate(numbered):
             line = k if in_order else number
@@ -168,8 +226,10 @@ def _projections(path: Path) -> dict[int, tuple[Keys, Float[np.ndarray, "3 4"]]]
 
 
 def _camera(
-    path: Path, projections: dict[int, tuple[Keys, Float[np.ndarray, "3 4"]]], number: int
+    path: Path, projections: dict[int, tuple[Keys, Float[np.ndarray, "3 4"]]], number: int | None
 ) -> _Camera:
+    """The camera of a projection, of the first one if no number is given."""
+    number = next(iter(projections), 0) if number is None else number
     if number not in projections:
         known = ", ".join(f"P{k}" for k in projections) or "none"
         raise CaptureError(f"{path}: must have the projection P{number}: ..., got {known}.")

@@ -8,18 +8,19 @@ from typing import Any
 
 from gaussray.capture.formats.actorshq import CALIBRATION_FILE
 from gaussray.capture.formats.colmap_files import PLACES
+from gaussray.capture.formats.euroc import euroc_near_miss
 from gaussray.capture.formats.immersive import MODELS_FILE
+from gaussray.capture.formats.kitti import kitti_near_miss
 from gaussray.capture.formats.nerfies import DATASET_FILE
-from gaussray.capture.formats.picture_places import KNOWN_SUFFIXES
+from gaussray.capture.formats.picture_folder import folders_in, media_folder
 from gaussray.capture.formats.pinf import INFO_FILE
+from gaussray.capture.formats.sevenscenes import sevenscenes_near_miss
 from gaussray.capture.formats.transforms import PINHOLE_FILE, json_if_readable
-from gaussray.capture.side_folders import holds_other_maps
-from gaussray.capture.videos import VIDEO_SUFFIXES
+from gaussray.capture.formats.tum import tum_near_miss
 from gaussray.io.safe.files import opened
 
 
 _DATA = (".json", ".txt", ".npy", ".npz", ".xml", ".csv", ".yml", ".yaml", ".toml", ".bin")
-_MEDIA = (*KNOWN_SUFFIXES, *VIDEO_SUFFIXES, ".heic")
 # Calibrations of EasyMocap and EasyVolcap, and of Pose2Sim's converter to them, in lower case.
 _EASY_FILES = ("intri.yml", "intrinsic.yml")
 # What the other calibrations hold that `gaussray prepare` reads, by the end of their names: those
@@ -51,7 +52,7 @@ _POSES_LIKELY = re.compile(
 )
 # What `gaussray prepare` leaves in its folder beside a capture.
 _FACTS_FILE, _COMMAND_FILE, _REPORT_FILE = "prepare.json", "run.json", "report.html"
-# Folders and files that are looked at for what lies deeper; files that a message names.
+# Files that are looked at for what they hold; files that a message names.
 _LOOKED_AT, _NAMED = 50, 3
 # Projects of other programs that are not text, and the commands that write what is read.
 _BINARY = {
@@ -77,6 +78,7 @@ def remedy_for(folder: Path, is_capture: Callable[[Path], bool]) -> str:
         _model_without_poses,
         _binary_project,
         _calibration_of_other_tool,
+        _near_miss,
         _pictures_without_poses,
     )
     return next(filter(None, (remedy(folder) for remedy in remedies)), "")
@@ -173,6 +175,14 @@ def _calibration_of_other_tool(folder: Path) -> str:
     )
 
 
+def _near_miss(folder: Path) -> str:
+    """Of poses of a format that is read, without its pictures or other files where it has them."""
+    misses = (sevenscenes_near_miss, kitti_near_miss, tum_near_miss, euroc_near_miss)
+    text = next(filter(None, (miss(folder) for miss in misses)), "")
+    more = "For matrices of your own, see docs/captures.md#poses-of-your-own."
+    return f"{text} Or {_new_poses(media_folder(folder))}. {more}" if text else ""
+
+
 def _pictures_without_poses(folder: Path) -> str:
     """Of pictures or videos, alone or beside files of no format that is read."""
     media = media_folder(folder)
@@ -218,34 +228,5 @@ def _kinds(name: str) -> list[tuple[bytes, ...]]:
     return [patterns for end, patterns in _CALIBRATIONS if name.endswith(end)]
 
 
-def folders_in(folder: Path) -> list[Path]:
-    """The first folders in a folder, and in these."""
-    outer = sorted(path for path in folder.iterdir() if path.is_dir())[:_LOOKED_AT]
-    inner = [path for some in outer for path in sorted(some.iterdir()) if path.is_dir()]
-    return outer + inner[:_LOOKED_AT]
-
-
 def _has(content: Any, key: str) -> bool:
     return isinstance(content, dict) and key in content
-
-
-def media_folder(folder: Path) -> Path | None:
-    """The folder of a camera's pictures or of videos; that of these folders if there are several.
-    None if there is none.
-
-    Args:
-        folder: where to look, also in its folders and in theirs.
-    """
-    if _holds_media(folder):
-        return folder
-    holding = [path for path in folders_in(folder) if _holds_media(path)]
-    holding = [path for path in holding if not holds_other_maps(path)] or holding
-    if not holding:
-        return None
-    parents = {path.parent for path in holding}
-    named = [path for path in holding if path.name in ("images", "videos", "input")]
-    return named[0] if named else holding[0] if len(holding) == 1 else min(parents)
-
-
-def _holds_media(folder: Path) -> bool:
-    return any(path.suffix.lower() in _MEDIA for path in folder.iterdir() if path.is_file())

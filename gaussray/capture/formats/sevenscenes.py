@@ -40,6 +40,19 @@ def sevenscenes_file(folder: Path) -> Path | None:
     return path if path is not None and any(folder.glob("frame-*.color.*")) else None
 
 
+def sevenscenes_near_miss(folder: Path) -> str:
+    """What a folder with poses of such a capture, also in its folders, lacks; empty if it has none,
+    or lacks nothing."""
+    path = min((*folder.glob(POSE_FILES), *folder.glob(f"*/{POSE_FILES}")), default=None)
+    if path is None or sevenscenes_file(path.parent) is not None:
+        return ""
+    picture = path.name.replace(".pose.txt", ".color.png")
+    return (
+        f"{path.relative_to(folder)} is a pose of 7-Scenes. It needs the picture {picture} (or "
+        ".jpg) beside it, and so does each other pose."
+    )
+
+
 def read_sevenscenes(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
     """The frames of one camera that moves: `frame-000000.color.png` (or .jpg) has its pose in
     `frame-000000.pose.txt`, camera to world in OpenCV's axes.
@@ -60,9 +73,8 @@ def read_sevenscenes(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capt
     """
     folder = Path(folder)
     if sevenscenes_file(folder) is None:
-        raise FileNotFoundError(
-            f"{folder}: holds no {POSE_FILES} beside frame-*.color.png or .jpg."
-        )
+        lacks = f"holds no {POSE_FILES} beside frame-*.color.png or .jpg."
+        raise FileNotFoundError(f"{folder}: {sevenscenes_near_miss(folder) or lacks}")
     lens = read_folder_lens(folder)
     if lens is None and (folder / _INFO_FILE).is_file():
         lens = _info(folder / _INFO_FILE)

@@ -16,7 +16,7 @@ from gaussray.capture.capture import Capture
 from gaussray.capture.errors import CaptureError
 from gaussray.capture.formats.completion import completed
 from gaussray.capture.formats.json_keys import Keys
-from gaussray.capture.formats.no_capture import media_folder
+from gaussray.capture.formats.picture_folder import media_folder
 from gaussray.capture.formats.poses import opengl_pose
 from gaussray.capture.formats.transforms import json_if_readable, views_of
 from gaussray.capture.picture_file import picture_exists

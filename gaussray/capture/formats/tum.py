@@ -1,6 +1,7 @@
 """Captures in the layout of TUM's RGB-D benchmark (Sturm et al. 2012), and those of SLAM programs
 that write its trajectories: pictures with timestamps, and timestamps with poses."""
 
+import itertools
 import re
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from gaussray.capture.capture import Capture
 from gaussray.capture.errors import CaptureError
 from gaussray.capture.formats.json_keys import Keys
 from gaussray.capture.formats.number_files import (
+    COEFFICIENTS_FILE,
     columns_of,
     lens_of_coefficients,
     lines_of,
@@ -20,6 +22,7 @@ from gaussray.capture.formats.number_files import (
     read_folder_lens,
     read_rows,
 )
+from gaussray.capture.formats.picture_folder import only_picture_folder
 from gaussray.capture.formats.picture_places import KNOWN_SUFFIXES
 from gaussray.capture.formats.posed_pictures import (
     NEAREST,
@@ -41,6 +44,8 @@ TRAJECTORY_FILES = (
     "KeyFrameTrajectory.txt",
 )
 _LIST_FILE, _FOLDERS = "rgb.txt", ("rgb", "images")
+# Files that are looked at for a trajectory, at most.
+_LOOKED_AT = 50
 _STAMP = re.compile(r"\d{1,20}(\.\d{0,20})?")
 _ROW = "a timestamp, the position x y z and the quaternion x y z w"
 # fx fy cx cy and OpenCV's distortion of the pictures in colour, as the benchmark publishes them.
@@ -58,16 +63,36 @@ def tum_file(folder: Path) -> Path | None:
     return path if path is not None and _has_pictures(folder) else None
 
 
+def tum_near_miss(folder: Path) -> str:
+    """What a folder with a trajectory of TUM's lacks; empty if it has none, or lacks nothing."""
+    texts = itertools.islice(folder.glob("*.txt"), _LOOKED_AT)
+    others = [path for path in sorted(texts) if path.name not in (_LIST_FILE, COEFFICIENTS_FILE)]
+    known = [folder / name for name in TRAJECTORY_FILES]
+    path = next((path for path in (*known, *others) if columns_of(path) == 8), None)
+    if path is None or tum_file(folder) is not None:
+        return ""
+    lacking = []
+    if path not in known:
+        lacking.append(f"the name {TRAJECTORY_FILES[0]}")
+    if not _has_pictures(folder):
+        lacking.append(
+            f"pictures in {' or '.join(f'{name}/' for name in _FOLDERS)} with timestamps for names "
+            f"(or {_LIST_FILE} with a timestamp and a picture on each line)"
+        )
+    needs = " and ".join(lacking)
+    return f"{path.name} has eight numbers a line, as trajectories of TUM have. It needs {needs}."
+
+
 def read_tum(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
     """The pictures of one camera that moves, by their timestamps.
 
-    `rgb.txt` lists a timestamp and a picture on each line; without it the pictures of `rgb/` or
-    `images/` have timestamps for names, in seconds or nanoseconds. A trajectory has `timestamp tx
-    ty tz qx qy qz qw` on each line, camera to world in OpenCV's axes. A picture has the pose of its
-    time (`interpolated_poses`); those further than 0.02 s from any pose are left out with one
-    warning, and none is held out. The lens is that of `camera-intrinsics.txt`, `calib.txt` or
-    `camera.json`, else the published one of TUM's sequences if the folder's name has freiburg1,
-    freiburg2 or freiburg3. Depth maps are not read.
+    `rgb.txt` lists a timestamp and a picture on each line; without it the pictures of `rgb/`, of
+    `images/` or of the only folder of pictures have timestamps for names, in seconds or
+    nanoseconds. A trajectory has `timestamp tx ty tz qx qy qz qw` on each line, camera to world in
+    OpenCV's axes. A picture has the pose of its time (`interpolated_poses`); those further than
+    0.02 s from any pose are left out with one warning, and none is held out. The lens is that of
+    `camera-intrinsics.txt`, `calib.txt` or `camera.json`, else the published one of TUM's sequences
+    if the folder's name has freiburg1, freiburg2 or freiburg3. Depth maps are not read.
 
     Args:
         folder: the folder with the trajectory and the pictures.
@@ -81,10 +106,11 @@ def read_tum(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
     folder = Path(folder)
     path = tum_file(folder)
     if path is None:
-        raise FileNotFoundError(
-            f"{folder}: holds none of {', '.join(TRAJECTORY_FILES)} with eight numbers a line "
-            f"beside {_LIST_FILE}, or pictures in rgb/ whose names are timestamps."
+        lacks = (
+            f"holds none of {', '.join(TRAJECTORY_FILES)} with eight numbers a line beside "
+            f"{_LIST_FILE}, or pictures in rgb/ whose names are timestamps."
         )
+        raise FileNotFoundError(f"{folder}: {tum_near_miss(folder) or lacks}")
     top = Keys(path, {})
     others = [name for name in TRAJECTORY_FILES if columns_of(folder / name) == 8][1:]
     if others:
@@ -131,8 +157,11 @@ def _entry(line: str) -> tuple[float, str] | None:
 
 
 def _timed_folder(folder: Path) -> Path | None:
-    """The folder of pictures whose names are timestamps."""
-    places = (folder / name for name in _FOLDERS if (folder / name).is_dir())
+    """The folder of pictures whose names are timestamps: one of the usual names, else the only one
+    of pictures."""
+    places = [folder / name for name in _FOLDERS if (folder / name).is_dir()]
+    only = None if places else only_picture_folder(folder, _FOLDERS)
+    places += [] if only is None else [only]
     return next((place for place in places if any(map(_is_timed, place.iterdir()))), None)
 
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from gaussray.prepare.calibrations.known_camera import Calibration, KnownCamera
 from gaussray.prepare.calibrations.like_names import like_name
+from gaussray.prepare.calibrations.listed_values import named_in_order
 from gaussray.prepare.calibrations.pair_names import check_pair, named_pair, names_in_order
 from gaussray.prepare.calibrations.resized import resized_lens
 from gaussray.prepare.calibrations.same_poses import pairs_of_one_pose
@@ -26,7 +27,7 @@ def assign_cameras(
     and digits, whatever their case; else of the same last number (`cam01`, `1`); else if its name
     is a part of the source's (`back`, `session_back`). Of two sources that are given the cameras of
     a stereo calibration, which has no names, the names say which is the first: left and right, 0
-    and 1, or 1 and 2.
+    and 1, or 1 and 2. Cameras that have an order alone are those of the sources in natural order.
 
     Args:
         calibration: its cameras. One of pictures of another size is used as it is if the sizes
@@ -44,7 +45,9 @@ def assign_cameras(
             none is left.
     """
     check_pair(calibration, [source.name for source in sources])
-    calibration = _pair_of(calibration, sources)
+    calibration = named_in_order(
+        _pair_of(calibration, sources), [source.name for source in sources]
+    )
     listed = [camera.name for camera in calibration.cameras]
     names = [*listed, *calibration.left_out]
     given: dict[str, str] = {}
@@ -113,7 +116,7 @@ def stills_by_camera(calibration: Calibration, sources: Sequence[Source]) -> lis
         calibration: its cameras.
         sources: cameras of the input.
     """
-    if len(sources) != 1 or sources[0].count < 2 or sources[0].is_video:
+    if len(sources) != 1 or sources[0].count < 2 or sources[0].is_video or calibration.in_order:
         return list(sources)
     (folder,) = sources
     calibration = named_pair(calibration, [path.stem for path in folder.pictures])

@@ -60,11 +60,13 @@ class Calibration:
         left_out: for each other camera, by name, what the file lacks or says of it.
         is_pair: the file is of two cameras, the left or first one and the other, without names of
             videos.
+        in_order: the cameras have no names but an order, that of the input's cameras.
     """
 
     cameras: list[KnownCamera]
     left_out: dict[str, str] = dataclasses.field(default_factory=dict)
     is_pair: bool = False
+    in_order: bool = False
 
 
 def opencv_camera(

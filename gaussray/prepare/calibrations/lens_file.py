@@ -109,9 +109,15 @@ def _lenses(path: Path, content: Mapping[str, Any] | list) -> dict[str, LensKeyV
 def _calibrated_lenses(path: Path) -> dict[str, LensKeyValues]:
     """The lenses of a calibration with poses."""
     try:
-        return {camera.name: camera.lens for camera in read_calibration(path).cameras}
+        calibration = read_calibration(path)
     except PrepareError as error:
         raise PrepareError(
             f"poses.lens={path}: must hold the lens of a camera, got none that is read. It may be "
             f"{_KINDS}. As a calibration it is not read either: {error}"
         ) from None
+    if calibration.in_order:
+        raise PrepareError(
+            f"poses.lens={path}: must name its cameras, got {len(calibration.cameras)} without "
+            'names. Add a list of them beside K: "names": ["cam1", "cam2"].'
+        )
+    return {camera.name: camera.lens for camera in calibration.cameras}

@@ -27,6 +27,7 @@ from gaussray.prepare.calibrations.known_camera import (
     Calibration,
     KnownCamera,
 )
+from gaussray.prepare.calibrations.listed_values import listed_cameras
 from gaussray.prepare.calibrations.matlab import refuse_matlab
 from gaussray.prepare.calibrations.nerfstudio import read_metashape_cameras, read_nerfstudio
 from gaussray.prepare.calibrations.opencv_json import opencv_cameras, refuse_single_camera
@@ -204,7 +205,8 @@ def _cameras_of(path: Path, content: object) -> Calibration | None:
     if isinstance(content, dict) and is_stereo_calibration(content):
         values = {str(key): plain_value(value) for key, value in content.items()}
         return stereo_cameras(path, values, name=path.name)
-    return opencv_cameras(path, content)
+    listed = listed_cameras(path, content)
+    return opencv_cameras(path, content) if listed is None else listed
 
 
 def _read_text(path: Path) -> Calibration:

@@ -71,6 +71,15 @@ def with_stacked_projections(values: Mapping[str, np.ndarray]) -> dict[str, np.n
     return kept | {"P": np.array([found[name][1] for name in ordered]), "names": np.array(ordered)}
 
 
+def has_camera_names(values: Mapping[str, np.ndarray]) -> bool:
+    """Whether a file says the names of its cameras.
+
+    Args:
+        values: arrays by key.
+    """
+    return any(plain_key(key) in _NAMES for key in values)
+
+
 def stacked_cameras(path: Path, values: Mapping[str, np.ndarray]) -> Calibration:
     """The cameras of a file whose arrays have one entry for each; other arrays count for all. They
     are fisheyes if the file says so, or has `fisheye` in its name and four distortion coefficients.

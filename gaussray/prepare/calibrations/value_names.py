@@ -8,6 +8,7 @@ VALUE_NAMES = {
     "matrix": (
         *("m", "k", "mtx", "mat", "cm", "cameramatrix", "cammtx", "cammatrix", "cammats"),
         *("cameramtx", "intrinsic", "intrinsics", "intrinsicmatrix", "intrinsicmtx", "matrix"),
+        *("cameraintrinsic", "cameraintrinsics"),
     ),
     "distortion": (
         *("d", "dist", "dst", "distcoef", "distcoefs", "distcoeff", "distcoeffs"),
@@ -20,8 +21,8 @@ VALUE_NAMES = {
     ),
     # Columns and rows of the calibrated pictures.
     "size": ("imagesize", "imgsize", "framesize", "size", "resolution", "resolutionwh"),
-    "width": ("imagewidth", "imgwidth", "width", "w"),
-    "height": ("imageheight", "imgheight", "height", "h"),
+    "width": ("imagewidth", "imgwidth", "framewidth", "width", "w"),
+    "height": ("imageheight", "imgheight", "frameheight", "height", "h"),
 }
 # One matrix K [R | t] from the world to pixels.
 PROJECTION_NAMES = (

@@ -3,6 +3,7 @@
 import numpy as np
 
 from gaussray.prepare.findings.finding import Finding
+from gaussray.prepare.findings.more_matches import more_matches
 from gaussray.prepare.placed_cameras import neighbour_angles, picture_name
 from gaussray.prepare.poses import Placement
 
@@ -23,9 +24,10 @@ def camera_findings(placement: Placement) -> list[Finding]:
         if model.focal_source == "lens"
         else "poses.lens=FILE or poses.fov=DEGREES if you know the lens; or give a calibration."
     )
+    more = " and ".join(more_matches(placement, missing))
     remedy = (
-        "Add cameras between their neighbours, or pictures with more texture; poses.features=16384 "
-        f"and frames.instants=10 find more matches; {lens}"
+        "Add cameras between their neighbours, or pictures with more texture; "
+        f"{more} {'find' if ' and ' in more else 'finds'} more matches; {lens}"
     )
     if found < max(2, REGISTERED * total):
         text = f"only {found} of {total} pictures have a pose"

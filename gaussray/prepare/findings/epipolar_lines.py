@@ -1,10 +1,11 @@
-"""Whether matches lie on their epipolar lines: the test of a known calibration."""
+"""Whether matches lie on their epipolar lines: the test of poses, known or estimated."""
 
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from gaussray.capture.odd_cameras import JudgedPair, odd_cameras
+from gaussray.prepare.contradictions import contradicted_pictures, contradicting_pairs
 from gaussray.prepare.epipolar import EpipolarPair
 from gaussray.prepare.findings.calibration_readings import better_reading
 from gaussray.prepare.findings.finding import Finding
@@ -30,13 +31,18 @@ _MOVED = (
     "is another one: calibrate it again, or take its video away; fit.refine=[pose,lens] mends "
     "small errors."
 )
+_MISPLACED = (
+    "Look at where these stand (gaussray view). Larger pictures, or others between them and their "
+    "neighbours, find more matches; poses.lens=FILE or poses.fov=DEGREES if you know the lens; or "
+    "take them away."
+)
 _CORRECT = "Correct the calibration, or check the order of the cameras and their names."
 
 
 def epipolar_findings(placement: Placement, pairs: Sequence[EpipolarPair]) -> list[Finding]:
     """Distances of matches from the epipolar lines; the test of a known calibration.
 
-    Of known cameras, all pairs tell whether single ones contradict the others.
+    All pairs tell whether single cameras, or pictures, contradict the others.
 
     Args:
         placement: poses and lenses, whether they come from a calibration, and matches.
@@ -51,6 +57,8 @@ def epipolar_findings(placement: Placement, pairs: Sequence[EpipolarPair]) -> li
     typical = float(np.median([pair.median for pair in tested]))
     text = f"matches are {typical:.2f} pixels from their epipolar lines (median of the pairs)"
     doubtful = typical > DOUBTFUL_LINES * scale
+    if not placement.known and not doubtful and (found := _misplaced(placement)):
+        return [Finding("warn", "epipolar lines", f"{text}; {found}", _MISPLACED)]
     if placement.known and (
         cause := _cause(placement, max(DOUBTFUL_LINES * scale, _LEAST), doubtful)
     ):
@@ -69,6 +77,25 @@ def epipolar_findings(placement: Placement, pairs: Sequence[EpipolarPair]) -> li
         remedy = "fit.refine=[pose,lens] may repair it; a new calibration is better."
         return [Finding("warn", "epipolar lines", text, remedy)]
     return [Finding("good", "epipolar lines", text)]
+
+
+def _misplaced(placement: Placement) -> str:
+    """The estimated poses that matches contradict; empty if there are none."""
+
+    def called(file: str) -> str:
+        return picture_name(placement.pictures[file], placement)
+
+    texts = [
+        f"those of {called(file)} {own:.2g} pixels, without it {rest:.2g}"
+        for file, (own, rest) in contradicted_pictures(placement).items()
+    ]
+    if not texts:
+        texts = [
+            f"those of {called(a)} and {called(b)} {distance:.2g} pixels: one of both is misplaced"
+            for (a, b), distance in contradicting_pairs(placement).items()
+        ]
+    more = f"; and {len(texts) - _LISTED} more" if len(texts) > _LISTED else ""
+    return "; ".join(texts[:_LISTED]) + more
 
 
 def _cause(placement: Placement, limit: float, doubtful: bool) -> tuple[str, str] | None:

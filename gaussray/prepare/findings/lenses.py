@@ -1,5 +1,7 @@
 """Whether the lenses are plausible: each by itself, and beside those of like cameras."""
 
+import re
+
 from gaussray.prepare.findings.finding import Finding
 from gaussray.prepare.lens_check import is_unreadable, lens_complaint
 from gaussray.prepare.lens_models import lens_fov
@@ -9,6 +11,8 @@ from gaussray.prepare.poses import Placement
 
 # Focal lengths of cameras whose pictures have one size may differ by this share.
 _FOCALS = 0.15
+# A share of the picture in a complaint: cameras that differ in it alone are told of together.
+_SHARE = re.compile(r"about (\d+) %")
 
 
 def lens_findings(placement: Placement) -> list[Finding]:
@@ -19,8 +23,11 @@ def lens_findings(placement: Placement) -> list[Finding]:
     given = placement.known or by_lens
     for name, lens in lenses.items():
         focals.setdefault((lens["w"], lens["h"]), {})[name] = lens["fl_x"]
-        complaints.setdefault(lens_complaint(lens), []).append(name)
-    for (level, reason), names in complaints.items():
+        level, reason = lens_complaint(lens)
+        same = complaints.setdefault((level, _SHARE.sub("about # %", reason)), {})
+        same[name] = reason
+    for (level, _), reasons in complaints.items():
+        names, reason = list(reasons), _with_range(list(reasons.values()))
         listed = ", ".join(names[:8]) + ("..." if len(names) > 8 else "")
         if level and given:
             unread = any(is_unreadable(lenses[name]) for name in names)
@@ -63,6 +70,14 @@ def lens_findings(placement: Placement) -> list[Finding]:
             text += ", as poses.lens says"
         findings.append(Finding("good", "lens", text))
     return findings
+
+
+def _with_range(reasons: list[str]) -> str:
+    """Complaints that differ in a share alone as one, with the least and the largest."""
+    found = sorted(int(match[1]) for reason in reasons if (match := _SHARE.search(reason)))
+    if not found or found[0] == found[-1]:
+        return reasons[0]
+    return _SHARE.sub(f"about {found[0]} to {found[-1]} %", reasons[0])
 
 
 def _calibrated_lens(text: str, unread: bool) -> Finding:

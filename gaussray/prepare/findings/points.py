@@ -3,6 +3,7 @@
 import numpy as np
 
 from gaussray.prepare.findings.finding import Finding
+from gaussray.prepare.findings.more_matches import more_matches
 from gaussray.prepare.placed_cameras import picture_name
 from gaussray.prepare.poses import Placement
 from gaussray.prepare.sparse_model import observations_by_picture
@@ -33,7 +34,8 @@ def point_findings(placement: Placement) -> list[Finding]:
     fewest = OBSERVATIONS
     if placement.known:
         fewest = round(max(OBSERVATIONS * min(1, scale), _TESTING))
-    few = [picture_name(p, placement) for p, count in counts if count < fewest]
+    weak = [picture for picture, count in counts if count < fewest]
+    few = [picture_name(picture, placement) for picture in weak]
     median = float(np.median(model.observations.error))
     findings = []
     if median > DOUBTFUL_ERROR * scale:
@@ -43,7 +45,8 @@ def point_findings(placement: Placement) -> list[Finding]:
     if few:
         names = ", ".join(few[:8]) + ("..." if len(few) > 8 else "")
         text = f"{names}: fewer than {fewest} observations"
-        remedy = "Cameras closer to each other, larger pictures, more texture; frames.instants=10."
+        more = ", ".join(more_matches(placement, weak))
+        remedy = f"Cameras closer to each other, more texture; {more}."
         if placement.known:
             text += "; few points to check the pose with"
             remedy = f"Look at the epipolar lines. More points: {remedy[0].lower()}{remedy[1:]}"

@@ -17,6 +17,9 @@ _SHARE, _EVEN = 0.5, 0.012
 # Pictures whose borders are looked at.
 _LOOKED_AT = 32
 
+# A colour is called black or white if no channel is so far from it.
+_NAMED = 0.02
+
 _Values = np.ndarray | Array
 # The sRGB-encoded colour of a backdrop, as a constant of a program.
 BackdropColor = tuple[float, float, float]
@@ -39,6 +42,21 @@ def backdrop_of(footage: Footage) -> BackdropColor | None:
     red, green, blue = np.median(color, axis=0).tolist()
     plain = red, green, blue
     return plain if surrounds(color, plain) else None
+
+
+def backdrop_sentence(plain: BackdropColor) -> str:
+    """What is said of pictures that have a plain backdrop, so that its absence shows, too.
+
+    Args:
+        plain: sRGB-encoded colour of the backdrop.
+    """
+    levels = " ".join(str(round(255 * x)) for x in plain)
+    black, white = max(plain) < _NAMED, min(plain) > 1 - _NAMED
+    color = "black" if black else "white" if white else f"of one colour (sRGB {levels})"
+    return (
+        f"Most of the pictures' border is {color}: that is taken as a plain backdrop, and pixels "
+        "that show it as empty (loss.backdrop_opacity)."
+    )
 
 
 def surrounds(border: Float[np.ndarray, "pixels 3"], plain: BackdropColor) -> bool:

@@ -4,6 +4,7 @@ Clone and split Gaussians where gradients are large and prune faint ones (3DGS, 
 of 3DGRT), on the host; or relocate dead ones (`relocation.py`).
 """
 
+from collections.abc import Mapping
 from typing import Protocol, runtime_checkable
 
 import equinox as eqx
@@ -120,6 +121,7 @@ class DensityControl(Protocol):
         extent: the scene's length unit (`session.scene_extent`).
         limit: the largest numbers of static and of moving Gaussians.
         seed: seed of the random numbers, which differs from call to call.
+        most: the largest number of Gaussians of a kind, by its name, where they are relocated.
     """
 
     def __call__(
@@ -130,6 +132,7 @@ class DensityControl(Protocol):
         extent: float,
         limit: tuple[int, int],
         seed: int,
+        most: Mapping[str, int] | None = None,
     ) -> State: ...
 
 
@@ -153,10 +156,17 @@ def density_due(options: DensityOptions, before: int, done: int, share: float) -
 
 
 def relocate_dead(
-    state: State, *, options: DensityOptions, extent: float, limit: tuple[int, int], seed: int
+    state: State,
+    *,
+    options: DensityOptions,
+    extent: float,
+    limit: tuple[int, int],
+    seed: int,
+    most: Mapping[str, int] | None = None,
 ) -> State:
     """Relocation of dead Gaussians, with one budget for all kinds (`relocation.relocate`). The rows
-    of a kind that are nearly full are doubled if the others leave it more of the budget.
+    of a kind that are nearly full are doubled if the others leave it more of the budget, and there
+    may be as many of the kind.
 
     Args:
         state: the state after a block of steps.
@@ -164,6 +174,7 @@ def relocate_dead(
         extent: for `clone_split_prune` alone.
         limit: two numbers of Gaussians, whose sum is the budget.
         seed: seed of the draws, which differs from call to call.
+        most: the largest number of Gaussians of a kind, by its name; others have the budget alone.
     """
     parts = {kind: free for kind, free in state.parameters.kinds.items() if len(free.mean)}
     populations = tuple(
@@ -178,8 +189,9 @@ def relocate_dead(
     held = [int(occupied(gaussians).sum()) for gaussians, _ in moved]
     changed = {}
     for kind, (gaussians, fresh), own in zip(parts, moved, held, strict=True):
-        rows, most = len(fresh), sum(limit) - sum(held) + own
-        if own > _NEARLY_FULL * rows and rows < most:
+        rows, room = len(fresh), sum(limit) - sum(held) + own
+        fits = most is None or 2 * rows <= most.get(kind, 2 * rows)
+        if own > _NEARLY_FULL * rows and rows < room and fits:
             rows = 2 * rows
             gaussians = with_rows(gaussians, rows)
         fresh = np.pad(np.asarray(fresh), (0, rows - len(fresh)))
@@ -188,7 +200,13 @@ def relocate_dead(
 
 
 def clone_split_prune(
-    state: State, *, options: DensityOptions, extent: float, limit: tuple[int, int], seed: int
+    state: State,
+    *,
+    options: DensityOptions,
+    extent: float,
+    limit: tuple[int, int],
+    seed: int,
+    most: Mapping[str, int] | None = None,
 ) -> State:
     """The adaptive density control of 3DGS, on static and on moving Gaussians.
 
@@ -198,6 +216,7 @@ def clone_split_prune(
         extent: the scene's length unit (`session.scene_extent`).
         limit: the largest numbers of static and of moving Gaussians.
         seed: seed of the random numbers, which differs from call to call.
+        most: for `relocate_dead` alone.
     """
     parameters = state.parameters
     static = clone_split_prune_rows(

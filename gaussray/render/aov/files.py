@@ -8,12 +8,11 @@ from functools import partial
 from pathlib import Path
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from gaussray.camera.camera import Camera
 from gaussray.camera.ideal_pinhole import ideal_pinhole_of
-from gaussray.camera.shutter import row_count, shutter_of_row
+from gaussray.camera.shutter import row_moments, shutter_of_row
 from gaussray.dataset.layers import write_integers, write_layers
 from gaussray.dataset.manifest import FrameRecord
 from gaussray.render.aov.labeller import (
@@ -55,13 +54,14 @@ def with_label_files(records: Sequence[FrameRecord], labels: Sequence[str]) -> l
 
 
 def neighbour_cameras(
-    records: Sequence[FrameRecord], interval: float = 0.0
+    records: Sequence[FrameRecord],
 ) -> dict[str, tuple[Camera | None, Camera | None]]:
     """The cameras of the previous and the next frame of each frame, of one camera name and effect.
 
+    A single frame has those that its record names (`FrameRecord.neighbours`).
+
     Args:
         records: the frames.
-        interval: time to the neighbours of a single frame, in the capture's unit; 0 gives it none.
 
     Returns:
         Previous and next camera by file.
@@ -73,16 +73,12 @@ def neighbour_cameras(
     for frames in sequences.values():
         frames = sorted(frames, key=lambda record: float(record.camera.time))
         cameras = [None, *(record.camera for record in frames), None]
-        if len(frames) == 1 and interval > 0:
-            cameras = [_delay(frames[0].camera, i * interval) for i in (-1, 0, 1)]
+        if len(frames) == 1 and frames[0].neighbours is not None:
+            before, after = frames[0].neighbours
+            cameras = [before, frames[0].camera, after]
         for i, record in enumerate(frames):
             neighbours[record.file_path] = cameras[i], cameras[i + 2]
     return neighbours
-
-
-def _delay(camera: Camera, delay: float) -> Camera:
-    """The camera of another frame, so much later."""
-    return dataclasses.replace(camera, time=camera.time + jnp.asarray(delay, camera.time.dtype))
 
 
 def labels_exist(out: Path, record: FrameRecord) -> bool:
@@ -101,7 +97,6 @@ def write_labels(
     assigned: Collection[str],
     labels: Sequence[str],
     labeller: Labeller,
-    interval: float = 0.0,
 ) -> Iterator[FrameRecord]:
     """Write labels, and yield each frame when its files are written.
 
@@ -113,9 +108,8 @@ def write_labels(
         assigned: pictures whose labels are written.
         labels: names of the labels.
         labeller: computes them.
-        interval: time to the neighbours of a single frame, in the capture's unit.
     """
-    near = neighbour_cameras([r for r in records if r.effect not in PICTURE_LABELS], interval)
+    near = neighbour_cameras([r for r in records if r.effect not in PICTURE_LABELS])
     waiting: deque[tuple[FrameRecord, Future[None]]] = deque()
     with ThreadPoolExecutor(cores()) as pool:
         for record in records:
@@ -173,10 +167,11 @@ def _float_labels(labels: Sequence[str]) -> set[str]:
 
 def _global_camera(camera: Camera, share: float) -> Camera:
     """The camera with a global shutter at the moment of the row at this share of the rows, in the
-    order in which they are read."""
+    order of their moments: fields and tables are not read in the order of the rows."""
     camera = jax.device_get(camera)
     size = camera.film.width, camera.film.height
-    row = int(share * row_count(camera.shutter.direction, size))
+    order = np.argsort(row_moments(camera.shutter, size), kind="stable")
+    row = int(order[int(share * len(order))])
     return dataclasses.replace(camera, shutter=shutter_of_row(camera.shutter, size, row))
 
 
@@ -198,4 +193,5 @@ def _truth_record(record: FrameRecord, label: str) -> FrameRecord:
         mask_path=None,
         depth_file_path=None,
         labels=None,
+        neighbours=None,
     )

@@ -40,8 +40,8 @@ LABELS = {
     "moving": "1 where the surface moves: `group` above 1",
     "valid": "1 where a surface is seen: the lens forms a ray and alpha is at least 1/2",
     "sharp": "the picture of an ideal pinhole in an instant",
-    "global_first": "the picture of a global shutter at the moment of the row that is read first",
-    "global_middle": "the picture of a global shutter at the moment of the middle row",
+    "global_first": "the picture of a global shutter at the earliest moment of a row",
+    "global_middle": "the picture of a global shutter at the median moment of the rows",
 }
 # Labels that are pictures of another camera, the ground truth of a frame.
 PICTURE_LABELS = ("sharp", "global_first", "global_middle")

@@ -3,7 +3,7 @@
 from gaussray.camera.film import Film
 from gaussray.camera.lens import AbstractLens, check_lens
 from gaussray.camera.lens.model import LensOptions as LensOptions
-from gaussray.camera.lens.registry import models_by_name
+from gaussray.camera.lens.registry import models_by_block, models_by_camera_model, models_by_name
 
 
 def lens_label(options: LensOptions) -> str:
@@ -13,6 +13,20 @@ def lens_label(options: LensOptions) -> str:
         ValueError: If `lens.model` is no lens model.
     """
     return "" if options.model == "keep" else _model(options).effect(options)
+
+
+def label_of_lens(lens: AbstractLens) -> str:
+    """Effect that frames through a camera's own lens show; empty if there is none.
+
+    Distortion of a perspective lens has no name, as in captures that give none.
+    """
+    keys = lens.record().keys
+    block = keys.get("lens")
+    if block is None:
+        model = models_by_camera_model()[keys["camera_model"]]
+    else:
+        model = models_by_block()[block["model"]]
+    return "" if model.perspective else model.label
 
 
 def build_lens(film: Film, options: LensOptions) -> AbstractLens:

@@ -16,9 +16,9 @@ from gaussray.camera.lens import pinhole
 from gaussray.camera.placement import look_at, orbit
 from gaussray.camera.trajectory import Trajectory, pose_at
 from gaussray.capture.capture import View
-from gaussray.capture.paths import read_path
 from gaussray.geometry import rotation_matrix
 from gaussray.io.plain_values import to_device
+from gaussray.render.rig.trajectory import path_of_key
 from gaussray.scene.scene import Scene, at
 from gaussray.scene.segmented import Clip, segment_at
 
@@ -40,7 +40,8 @@ class CameraOptions(eqx.Module):
             cameras of `split`) at the `times` (empty: all). The others need no capture: "look_at"
             stands still, "orbit" circles around `target`, "path" follows the poses of `file`.
         split: train, test, or all for both.
-        names: names of cameras, instead of a split.
+        names: names of cameras, instead of a split; frames, and what is given for each camera,
+            follow their order. `trajectory=between` may return to a camera.
         times: times of frames in the scene's unit.
         eye: position of the camera, of an orbit its first one. Empty is the position of one of the
             capture's cameras; without a capture, one outside the scene that sees all of it.
@@ -155,7 +156,7 @@ def _path_of_file(file: str, times: tuple[float, float]) -> Trajectory:
     if not file:
         raise ValueError("camera=path needs camera.file, a file of camera poses.")
     first, last = times
-    knots, quat, position = read_path(file)
+    knots, quat, position = path_of_key("camera.file", file)
     if len(knots) > 1:
         knots = first + (knots - knots[0]) / (knots[-1] - knots[0]) * (last - first)
     knots, quat, position = (to_device(x, jnp.float32) for x in (knots, quat, position))

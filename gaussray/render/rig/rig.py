@@ -1,6 +1,7 @@
 """The cameras of a render: a capture's, with another lens, aperture, shutter or trajectory."""
 
 import difflib
+from collections import Counter
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -8,30 +9,33 @@ from pathlib import Path
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 from gaussray.camera.camera import Camera, check_focus
+from gaussray.camera.lens import AbstractLens
 from gaussray.capture.capture import View
-from gaussray.capture.formats.paired import read_cameras
+from gaussray.capture.formats.paired import effect_files, read_cameras
 from gaussray.capture.formats.transforms import PINHOLE_FILE
 from gaussray.capture.open import FORMATS, format_of
 from gaussray.dataset.manifest import FrameRecord
 from gaussray.io.plain_values import to_device
+from gaussray.render.aov.labeller import PICTURE_LABELS
 from gaussray.render.rig.aperture import (
     ApertureOptions as ApertureOptions,
     build_aperture,
     resolve_aperture,
 )
+from gaussray.render.rig.effect_name import effect_name
 from gaussray.render.rig.film import FilmOptions as FilmOptions, apply_film
-from gaussray.render.rig.lens import LensOptions as LensOptions, build_lens, lens_label
+from gaussray.render.rig.lens import LensOptions as LensOptions, build_lens
+from gaussray.render.rig.neighbours import moved_frames
 from gaussray.render.rig.placed import CameraOptions as CameraOptions
 from gaussray.render.rig.shutter import (
     ShutterOptions as ShutterOptions,
     build_shutter,
-    reads_rows_in_turn,
     trigger_delays,
 )
-from gaussray.render.rig.trajectory import TrajectoryOptions as TrajectoryOptions, move_cameras
+from gaussray.render.rig.trajectory import TrajectoryOptions as TrajectoryOptions
 
 
 # Times (the capture's unit) that differ by less are equal; and the share of the time between two
@@ -59,8 +63,12 @@ def frame_records(
     samples: int,
     format: str = "png",
     measure: Callable[[Camera, str], float] | None = None,
+    within: tuple[float, float] | None = None,
 ) -> list[FrameRecord]:
     """The frames to render, each with its camera and the path of its picture.
+
+    They follow the order of `camera.names`; without, that of the capture. The pictures are numbered
+    in the order of the capture in either case.
 
     Args:
         views: the views of a capture.
@@ -70,56 +78,86 @@ def frame_records(
         measure: measures the distance that `aperture.focus_distance=auto` stands for, at a camera
             and for a kind of focus ("plane" or "sphere"). It is called at most once, for the first
             frame's camera. None where all lengths of the aperture are numbers.
+        within: first and last time of the scene, between which the only frame of a camera has the
+            capture's frames before and after it as neighbours (`moved_frames`). None: it has none.
 
     Raises:
         ValueError: The options choose no frame, or no camera can be built from them.
     """
     if format not in ("png", "exr"):
         raise ValueError(f"format must be png (sRGB) or exr (linear light), got {format!r}.")
-    frames = move_cameras(_choose(views, options.camera), options.trajectory)
-    effect = _effect_name(options)
-    records, lenses, aperture = [], {}, options.aperture
+    chosen = _choose(views, options)
+    numbers, own = [number for number, _ in chosen], [view for _, view in chosen]
+    frames, near = moved_frames(
+        views, own, options.trajectory, names=options.camera.names, within=within
+    )
+    effect = effect_name(
+        [camera for _, _, camera in frames], options.lens, options.aperture, options.shutter
+    )
     delays = trigger_delays(options.shutter, list(dict.fromkeys(name for name, _, _ in frames)))
-    for i, (name, split, camera) in enumerate(frames):
-        camera = apply_film(camera, options.film)
-        film = camera.film
-        size = film.width, film.height
-        if options.lens.model == "keep":
-            lens = camera.lens
-        else:
-            # Frames of one size share their lens: building one takes a while.
-            lens = lenses[size] = lenses.get(size) or build_lens(film, options.lens)
-        built = Camera(
-            film,
-            lens,
-            camera.aperture,
-            build_shutter(camera, options.shutter, delays.get(name)),
-            camera.trajectory,
-            camera.time,
-            clip_start=_clip_start(camera, options.camera),
+    lenses: dict[tuple[int, int], AbstractLens] = {}
+
+    def equipped(name: str, camera: Camera) -> Camera:
+        return _equipped(camera, options, lenses, delays.get(name))
+
+    cameras = [equipped(name, camera) for name, _, camera in frames]
+    aperture = options.aperture
+    if measure is not None:
+        aperture = resolve_aperture(aperture, partial(measure, cameras[0], aperture.focus))
+    neighbours = {}
+    for name, pair in near.items():
+        before, after = (one and _with_aperture(equipped(name, one), aperture) for one in pair)
+        neighbours[name] = before, after
+    return [
+        FrameRecord(
+            f"images/{effect}/{name}/{number:04d}.{format}",
+            _with_aperture(camera, aperture),
+            name,
+            split,
+            effect,
+            samples,
+            neighbours=neighbours.get(name),
         )
-        if i == 0 and measure is not None:
-            aperture = resolve_aperture(aperture, partial(measure, built, aperture.focus))
-        built = _with_aperture(built, aperture)
-        path = f"images/{effect}/{name}/{i:04d}.{format}"
-        records.append(FrameRecord(path, built, name, split, effect, samples))
-    return records
+        for number, (name, split, _), camera in zip(
+            numbers if options.trajectory.kind == "keep" else range(len(frames)),
+            frames,
+            cameras,
+            strict=True,
+        )
+    ]
 
 
-def _effect_name(options: RigOptions) -> str:
-    """The names of all effects that the options add, joined; pinhole without any."""
-    changes = {
-        lens_label(options.lens): bool(lens_label(options.lens)),
-        "depth_of_field": bool(options.aperture.radius),
-        "rolling_shutter": reads_rows_in_turn(options.shutter),
-        "interlaced": options.shutter.kind == "interlaced",
-        "motion_blur": options.shutter.kind != "keep" and options.shutter.exposure > 0,
-    }
-    return "+".join(name for name, changed in changes.items() if changed) or "pinhole"
+def _equipped(
+    camera: Camera,
+    options: RigOptions,
+    lenses: dict[tuple[int, int], AbstractLens],
+    delay: Float[Array, ""] | None,
+) -> Camera:
+    """The camera with the film, lens and shutter of the options."""
+    camera = apply_film(camera, options.film)
+    film = camera.film
+    size = film.width, film.height
+    if options.lens.model == "keep":
+        lens = camera.lens
+    else:
+        # Frames of one size share their lens: building one takes a while.
+        lens = lenses[size] = lenses.get(size) or build_lens(film, options.lens)
+    return Camera(
+        film,
+        lens,
+        camera.aperture,
+        build_shutter(camera, options.shutter, delay),
+        camera.trajectory,
+        camera.time,
+        clip_start=_clip_start(camera, options.camera),
+    )
 
 
-def _choose(views: Sequence[View], options: CameraOptions) -> list[tuple[str, str, Camera]]:
-    """The chosen frames: camera name, split and camera."""
+def _choose(views: Sequence[View], rig: RigOptions) -> list[tuple[int, View]]:
+    """The chosen views in the order of `camera.names`, each with its number among them in the order
+    of the capture."""
+    options = rig.camera
+    _check_repeated(options.names, rig.trajectory)
     names = dict.fromkeys(view.camera_name for view in views)
     for name in options.names:
         if name not in names:
@@ -145,7 +183,19 @@ def _choose(views: Sequence[View], options: CameraOptions) -> list[tuple[str, st
             f"cameras are {_some(list(names))}, its splits {', '.join(splits)}. Choose e.g. "
             f"camera.split={splits[0]}."
         )
-    return [(view.camera_name, view.split, view.camera) for view in of_cameras]
+    place = {name: i for i, name in enumerate(dict.fromkeys(options.names))}
+    numbered = list(enumerate(of_cameras))
+    return sorted(numbered, key=lambda one: place.get(one[1].camera_name, 0))
+
+
+def _check_repeated(names: Sequence[str], trajectory: TrajectoryOptions) -> None:
+    """Refuse a camera that is named twice, unless a ride returns to it."""
+    repeated = [name for name, count in Counter(names).items() if count > 1]
+    if repeated and trajectory.kind != "between":
+        raise ValueError(
+            f"camera.names must name each camera once, got {repeated[0]} more than once. Only "
+            "trajectory=between may return to a camera."
+        )
 
 
 def _some(names: Sequence[str]) -> str:
@@ -193,6 +243,26 @@ def _clip_start(camera: Camera, options: CameraOptions) -> Array | None:
     return to_device(options.clip_start, camera.time.dtype) if options.clip_start else None
 
 
+def _only_manifest(folder: Path) -> Path:
+    """The manifest of a folder: transforms.json, or the only one of another effect. Those of ground
+    truth, which a render with labels writes beside it, do not count.
+
+    Raises:
+        ValueError: There are several.
+    """
+    if (folder / PINHOLE_FILE).is_file():
+        return folder / PINHOLE_FILE
+    files = effect_files(folder)
+    others = [path for name, path in files.items() if name not in PICTURE_LABELS]
+    found = others or list(files.values())
+    if len(found) > 1:
+        raise ValueError(
+            f"cameras={folder}: has no {PINHOLE_FILE} but several manifests: "
+            f"{', '.join(path.name for path in found)}. Name one of them: cameras={found[0]}."
+        )
+    return found[0]
+
+
 def load_views(scene: Path | str, cameras: Path | str | None) -> list[View]:
     """Read the views of a capture, or those stored with a reconstructed scene.
 
@@ -219,7 +289,7 @@ def load_views(scene: Path | str, cameras: Path | str | None) -> list[View]:
         name = format_of(folder)
         if name != "paired":
             return FORMATS[name](folder, jnp.float32).views
-        return read_cameras(folder / PINHOLE_FILE)
+        return read_cameras(_only_manifest(folder))
     path = Path(scene)
     path = (path if path.is_dir() else path.parent) / "cameras.json"
     if not path.is_file():

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Sequence
+from pathlib import Path
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -23,8 +24,9 @@ class TrajectoryOptions(eqx.Module):
     """Trajectories of the cameras.
 
     Args:
-        kind: keep (the capture's poses), between (through the poses of the chosen cameras, in their
-            order, at even intervals over the chosen times) or path (the poses in `file`).
+        kind: keep (the capture's poses), between (through the poses of the chosen cameras, in the
+            order of camera.names or of the capture, at even intervals over the chosen times) or
+            path (the poses in `file`).
         steps: number of frames of between and path.
         interpolation: between poses: linear or spline.
         file: file of a path (`capture.paths`).
@@ -48,13 +50,17 @@ class TrajectoryOptions(eqx.Module):
 
 
 def move_cameras(
-    frames: list[tuple[str, str, Camera]], options: TrajectoryOptions
+    frames: list[tuple[str, str, Camera]],
+    options: TrajectoryOptions,
+    names: Sequence[str] = (),
 ) -> list[tuple[str, str, Camera]]:
     """Give frames the trajectory and the camera shake of the options.
 
     Args:
         frames: camera name, split and camera of each frame.
         options: the options.
+        names: the cameras that `between` passes, in their order, which may return to one; empty:
+            all in the order of the frames.
 
     Returns:
         The same frames, or those of one moving camera.
@@ -69,7 +75,7 @@ def move_cameras(
         if options.interpolation != "linear":
             moved = [(n, s, _with_interpolation(camera, options)) for n, s, camera in frames]
     else:
-        path, times = _path(frames, options)
+        path, times = _path(frames, options, names)
         base = _one_per_camera(frames)[0]
         parts = base.film, base.lens, base.aperture, base.shutter, path
         moved = [
@@ -119,7 +125,7 @@ def _shake(options: TrajectoryOptions, number: int) -> Shake:
 
 
 def _path(
-    frames: list[tuple[str, str, Camera]], options: TrajectoryOptions
+    frames: list[tuple[str, str, Camera]], options: TrajectoryOptions, names: Sequence[str]
 ) -> tuple[Trajectory, Float[np.ndarray, " steps"]]:
     """A trajectory through the poses of all cameras or of a file, and the times of its frames."""
     times = sorted({float(camera.time) for _, _, camera in frames})
@@ -128,7 +134,7 @@ def _path(
     if options.kind == "path":
         if not options.file:
             raise ValueError("trajectory.kind=path needs trajectory.file, a file of camera poses.")
-        times, quat, position = read_path(options.file)
+        times, quat, position = path_of_key("trajectory.file", options.file)
         if options.clock not in CLOCKS:
             raise ValueError(
                 f"trajectory.clock must be one of {', '.join(CLOCKS)}, got {options.clock!r}."
@@ -138,8 +144,8 @@ def _path(
         elif len(times) > 1:
             times = first + (times - times[0]) / (times[-1] - times[0]) * (last - first)
     else:
-        cameras = _one_per_camera(frames)
-        if len(cameras) < 2:
+        cameras = _one_per_camera(frames, names)
+        if len({id(camera) for camera in cameras}) < 2:
             raise ValueError(
                 "trajectory.kind=between needs at least two cameras; name them in camera.names."
             )
@@ -153,9 +159,30 @@ def _path(
     return path, np.linspace(first, last, options.steps).astype(np.float32)
 
 
-def _one_per_camera(frames: Sequence[tuple[str, str, Camera]]) -> list[Camera]:
-    """The last frame of every camera."""
-    return list({name: camera for name, _, camera in frames}.values())
+def path_of_key(
+    key: str, file: str
+) -> tuple[Float[np.ndarray, " poses"], Float[np.ndarray, "poses 4"], Float[np.ndarray, "poses 3"]]:
+    """Times, quaternions and places of the camera path that a key names (`read_path`).
+
+    Args:
+        key: the key, for messages.
+        file: its value.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        CaptureError: The file is malformed.
+    """
+    if not Path(file).exists():
+        raise FileNotFoundError(f"{key}={file}: no such file. Name a file of camera poses.")
+    return read_path(file)
+
+
+def _one_per_camera(
+    frames: Sequence[tuple[str, str, Camera]], names: Sequence[str] = ()
+) -> list[Camera]:
+    """The last frame of every camera, or of every one that is named."""
+    last = {name: camera for name, _, camera in frames}
+    return [last[name] for name in names or last if name in last]
 
 
 def _float32(value) -> Array:

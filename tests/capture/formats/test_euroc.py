@@ -120,12 +120,32 @@ def test_what_contradicts_the_format_is_named(tmp_path, name, text, says):
 
 def test_other_folders_are_none_of_it(tmp_path):
     (lay(tmp_path) / "mav0/state_groundtruth_estimate0/data.csv").unlink()
+    says = "mav0/cam0/sensor.yaml is .* It needs the trajectory mav0/state_groundtruth_estimate0/d"
+    with pytest.raises(CaptureError, match=f"known format: {says}"):
+        open_capture(tmp_path)
+    with pytest.raises(FileNotFoundError, match=says):
+        read_euroc(tmp_path)
+    for name in ("cam0", "cam1"):
+        (tmp_path / f"mav0/{name}/sensor.yaml").unlink()
     with pytest.raises(
         CaptureError, match="files of one format, got none of them.* euroc needs mav0/"
     ):
         open_capture(tmp_path)
     with pytest.raises(FileNotFoundError, match="holds no mav0/state_groundtruth_estimate0/data"):
         read_euroc(tmp_path)
+
+
+def test_pictures_in_another_folder_than_data_are_told(tmp_path):
+    lay(tmp_path)
+    for name in ("cam0", "cam1"):
+        (tmp_path / f"mav0/{name}/data").rename(tmp_path / f"mav0/{name}/images")
+    says = "mav0/cam0/sensor.yaml is a file .* It needs pictures in mav0/cam0/data/, named by nano"
+    with pytest.raises(CaptureError, match=says):
+        open_capture(tmp_path)
+    for name in ("cam0", "cam1"):
+        (tmp_path / f"mav0/{name}/sensor.yaml").unlink()
+    with pytest.raises(CaptureError, match="estimate0/data.csv is .* pictures in mav0/cam0/data/"):
+        open_capture(tmp_path / "mav0" / "..")
 
 
 def test_stamps_of_a_clock_since_boot_are_nanoseconds_too(tmp_path):

@@ -1,5 +1,7 @@
 """Captures of KITTI's odometry: rectified cameras side by side, with a line for each pose."""
 
+import warnings
+
 import numpy as np
 import pytest
 from known_photograph import PIXELS, PLACE, TURN, pixels, seen_points, write_picture
@@ -118,6 +120,59 @@ def test_without_a_calibration_the_file_is_named(tmp_path):
         FileNotFoundError, match=r"calib\.txt: no such file\. It must have the proj"
     ):
         open_capture(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("folder", "poses", "labels"),
+    [
+        ("images", "poses.txt", ("P0: ", "P1: ")),
+        ("images", "ground_truth.txt", ("", "")),
+        ("left", "frames.txt", ("P2: ",)),
+    ],
+)
+def test_pictures_of_one_camera_may_be_in_another_folder(tmp_path, folder, poses, labels):
+    lay(tmp_path, folder, "depth", labels)
+    (tmp_path / "poses.txt").rename(tmp_path / poses)
+    (tmp_path / "notes.txt").write_text("1 2 3\n")
+    assert format_of(tmp_path) == "kitti"
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        capture = open_capture(tmp_path)
+    texts = [str(one.message) for one in told if "projection" in str(one.message)]
+    assert len(texts) == (len(labels) > 1)
+    assert all(f"{folder} is taken as the pictures of P0, the first proj" in text for text in texts)
+    assert [view.camera_name for view in capture.views] == 3 * [folder]
+    check_pixels(capture.views[1], 0)
+
+
+@pytest.mark.parametrize(
+    ("moves", "says"),
+    [
+        (
+            {"calib.txt": "lens.txt", "image_2": "images", "image_3": "depth"},
+            "poses.txt has twelve .* It needs calib.txt with projections",
+        ),
+        (
+            {"image_2": "a", "image_3": "b"},
+            "poses.txt .* It needs pictures in image_2/, image_0/, image_l/ or images/",
+        ),
+        ({"calib.txt": "lens.txt", "image_2": "a", "image_3": "b"}, "poses.txt .* pictures in"),
+        (
+            {"poses.txt": "a.txt", "times.txt": "b.txt"},
+            "a.txt has twelve .* It needs one file of poses, to be called poses.txt",
+        ),
+    ],
+)
+def test_what_a_folder_with_poses_lacks_is_told(tmp_path, moves, says):
+    folder = lay(tmp_path / "capture")
+    (folder / "times.txt").write_text((folder / "poses.txt").read_text())
+    for old, new in moves.items():
+        (folder / old).rename(folder / new)
+    (folder / "times.txt").unlink(missing_ok=True)
+    with pytest.raises(CaptureError, match=rf"known format: {says}.*gaussray prepare"):
+        open_capture(folder)
+    with pytest.raises(FileNotFoundError, match=f"{folder}: {says}"):
+        read_kitti(folder)
 
 
 def test_other_folders_are_none_of_it(tmp_path):

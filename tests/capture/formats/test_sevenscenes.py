@@ -125,5 +125,7 @@ def test_other_folders_are_none_of_it(folder, tmp_path):
         read_sevenscenes(tmp_path)
     for path in folder.glob("*.color.png"):
         path.unlink()
-    with pytest.raises(CaptureError, match="is no capture of a known format"):
-        open_capture(folder)
+    says = "frame-000000.pose.txt is a pose .* It needs the picture frame-000000.color.png"
+    for place in (folder, tmp_path):
+        with pytest.raises(CaptureError, match=f"is no capture of a known format: .*{says}"):
+            open_capture(place)

@@ -148,8 +148,27 @@ def test_other_folders_are_none_of_it(tmp_path):
         (tmp_path / f"rgb/{stamp}.png").rename(tmp_path / f"rgb/a{stamp}.png")
     with pytest.raises(CaptureError, match="is no capture of a known format"):
         open_capture(tmp_path)
+    says = "groundtruth.txt has eight numbers .* It needs pictures in rgb/ or images/ with timest"
+    with pytest.raises(CaptureError, match=says):
+        open_capture(tmp_path)
+    with pytest.raises(FileNotFoundError, match=says):
+        read_tum(tmp_path)
+    (tmp_path / "groundtruth.txt").unlink()
     with pytest.raises(FileNotFoundError, match=r"holds none of groundtruth\.txt, .* with eight"):
         read_tum(tmp_path)
+
+
+def test_the_only_folder_of_pictures_may_have_any_name_and_a_trajectory_may_not(tmp_path):
+    (lay(tmp_path) / "rgb").rename(tmp_path / "color")
+    write_picture(tmp_path / "depth/1.png")
+    assert format_of(tmp_path) == "tum"
+    assert {view.image.parent.name for view in open_capture(tmp_path).views} == {"color"}
+    (tmp_path / "groundtruth.txt").rename(tmp_path / "gt.txt")
+    with pytest.raises(CaptureError, match="gt.txt has eight .* It needs the name groundtruth.txt"):
+        open_capture(tmp_path)
+    write_picture(tmp_path / "right/1.png")
+    with pytest.raises(CaptureError, match="needs the name groundtruth.txt and pictures in rgb/"):
+        open_capture(tmp_path)
 
 
 def test_the_folder_around_has_no_say_about_the_lens(tmp_path):

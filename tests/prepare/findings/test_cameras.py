@@ -50,3 +50,12 @@ def test_half_of_the_pictures_must_have_a_pose():
     assert finding.level == "refuse" and finding.text == "only 2 of 5 pictures have a pose"
     (alone,) = camera_findings(placed([0]))
     assert alone.level == "refuse"
+
+
+@pytest.mark.parametrize(("more", "still"), [(8, True), (0, True), (8, False)])
+def test_more_timestamps_are_recommended_only_where_a_still_camera_has_them(more, still):
+    found = dataclasses.replace(placed([0, 20], missing=2), more_instants=more)
+    found = found if still else dataclasses.replace(found, still=frozenset())
+    remedy = camera_findings(found)[0].remedy
+    assert ("frames.instants=8 find more" in remedy) == (more > 0 and still)
+    assert "larger pictures (these have 4 pixels)" in remedy

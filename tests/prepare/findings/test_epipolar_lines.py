@@ -1,6 +1,7 @@
 """What is said about the distances of matches from their epipolar lines."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from gaussray.prepare.findings.epipolar_lines import epipolar_findings
 from gaussray.prepare.findings.pair_distances import EVIDENCE, PairDistance
 from gaussray.prepare.poses import Placement
 from gaussray.prepare.sparse_model import Observations, SparseModel
+from gaussray.prepare.stray_poses import without_strays
 
 
 pytest.importorskip("pycolmap")
@@ -108,7 +110,51 @@ def test_a_camera_that_was_turned_is_named_with_its_distances():
     assert "those of all other pairs are at most 0.2" in finding.text
     assert "moved or turned since the calibration" in finding.remedy
     unknown = dataclasses.replace(rig(8, poses, neighbours=1), known=False)
-    assert said(unknown).level == "good"
+    finding = said(unknown)
+    assert finding.level == "warn" and "those of cam3 " in finding.text
+    assert "moved" not in finding.remedy and "poses.lens=FILE" in finding.remedy
+    right = dataclasses.replace(rig(8, neighbours=1), known=False)
+    assert said(right).level == "good"
+
+
+def test_a_pair_that_contradicts_estimated_poses_is_named_where_neither_picture_is_odd():
+    placement = dataclasses.replace(rig(6, neighbours=5, matches=150), known=False)
+    wrong = np.stack([np.arange(150), np.roll(np.arange(150), 1)], axis=1)
+    matches = placement.matches | {("2.png", "3.png"): wrong}
+    finding = said(dataclasses.replace(placement, matches=matches))
+    assert finding.level == "warn" and "those of cam2 and cam3 " in finding.text
+    assert "one of both is misplaced" in finding.text
+    few = {pair: rows[:60] for pair, rows in matches.items()}
+    assert said(dataclasses.replace(placement, matches=few)).level == "good"
+
+
+def with_observations(placement):
+    """The placement of cameras that move, in which every picture sees some points."""
+    model = placement.model
+    point, picture = (x.ravel() for x in np.meshgrid(range(30), range(len(model.pictures))))
+    zeros = np.zeros(len(point))
+    seen = Observations(point, picture, point, np.zeros((len(point), 2)), zeros)
+    points = np.random.default_rng(0).uniform(-1, 1, (30, 3))
+    model = dataclasses.replace(model, points=points, observations=seen)
+    return dataclasses.replace(placement, model=model, known=False, still=frozenset())
+
+
+def test_a_picture_that_its_matches_contradict_is_left_out_unless_its_camera_stands_still():
+    """It is as close to the others as ever, and sees as many points."""
+    poses = with_pose(true_poses(6), 3, lambda pose: turned(6) @ pose)
+    moving = with_observations(rig(6, poses, neighbours=5))
+    kept, (finding,) = without_strays(moving)
+    assert kept.model.pictures == [f"{k}.png" for k in (0, 1, 2, 4, 5)]
+    assert finding.level == "warn" and "cam3 0 (matches are" in finding.text
+    assert re.search(
+        "pixels from their epipolar lines, those of the others 0[.][0-9]+", finding.text
+    )
+    assert said(kept).level == "good"
+    still = dataclasses.replace(moving, still=frozenset(f"cam{k}" for k in range(6)))
+    assert without_strays(still) == (still, [])
+    assert "those of cam3 " in said(still).text
+    right = with_observations(rig(6, neighbours=5))
+    assert without_strays(right) == (right, [])
 
 
 def test_matches_that_prove_nothing_name_no_camera():

@@ -1,5 +1,7 @@
 """What is said about the points and where they are seen."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -54,3 +56,19 @@ def test_a_calibrated_pose_is_not_weak_but_hardly_tested(width, fewest):
 def test_a_capture_without_points_is_doubtful():
     (finding,) = point_findings(placed([0, 0], 0.0))
     assert finding.level == "warn" and finding.text == "no point is seen by two cameras"
+
+
+@pytest.mark.parametrize(("size", "wider"), [((400, 300), True), ((800, 600), False)])
+@pytest.mark.parametrize(("more", "told"), [(10, True), (0, False)])
+def test_keys_are_named_only_where_they_change_something(size, wider, more, told):
+    """Timestamps are left for cameras that stand still alone, and small pictures have fewer
+    features than are taken."""
+    found = placed([OBSERVATIONS, 3], 0.5)
+    pictures = {f: MatchingPicture(f, p.camera, 0, size) for f, p in found.pictures.items()}
+    found = dataclasses.replace(found, pictures=pictures, more_instants=more)
+    (finding,) = point_findings(found)
+    assert ("larger pictures (these have 400 pixels)" in finding.remedy) == wider
+    assert ("poses.features=16384" in finding.remedy) == (not wider)
+    assert ("frames.instants=10" in finding.remedy) == told
+    (moving,) = point_findings(dataclasses.replace(found, still=frozenset()))
+    assert "frames.instants" not in moving.remedy

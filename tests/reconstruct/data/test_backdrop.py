@@ -1,6 +1,8 @@
 """Plain backdrops are told by the pictures' borders, whatever stands before them; only what is as
 dark as a black one shows nothing."""
 
+import re
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -8,7 +10,12 @@ import pytest
 import toy
 
 from gaussray.color import srgb_encode
-from gaussray.reconstruct.data.backdrop import backdrop_of, before_backdrop, like_backdrop
+from gaussray.reconstruct.data.backdrop import (
+    backdrop_of,
+    backdrop_sentence,
+    before_backdrop,
+    like_backdrop,
+)
 from gaussray.reconstruct.data.pictures import Footage
 from gaussray.reconstruct.data.tiles import cut, tile_pixels
 
@@ -78,3 +85,15 @@ def test_the_rest_of_a_ray_ends_at_the_backdrop():
     # sRGB 1/2 is 0.2140 of the light.
     np.testing.assert_allclose(seen[0], [0.45, 0.1 + 0.25 * 0.214041, 0.0], atol=CLOSE)
     np.testing.assert_allclose(srgb_encode(np.asarray(seen[1])), plain, atol=CLOSE)
+
+
+@pytest.mark.parametrize(
+    ("plain", "color"),
+    [
+        ((0.0, 0.01, 0.0), "is black: that"),
+        ((1.0, 1.0, 0.99), "is white: that"),
+        ((0.2, 0.8, 0.4), r"is of one colour \(sRGB 51 204 102\): that"),
+    ],
+)
+def test_a_sentence_tells_its_colour(plain, color):
+    assert re.search(f"border {color} .*loss.backdrop_opacity", backdrop_sentence(plain))

@@ -181,6 +181,10 @@ def test_rows_that_are_nearly_full_are_doubled_while_there_is_budget_left():
     np.testing.assert_array_equal(static.mean[:4], full.mean)
     np.testing.assert_array_equal(after.adam.mu.static.mean[:, 0], [1] * 4 + [0] * 4)
     assert after.static_statistic.total.shape == (8,)
+    # There may not be as many of the kind.
+    few = {"static": 7}
+    held = relocate_dead(state, options=options, extent=EXTENT, limit=(8, 4), seed=0, most=few)
+    assert len(held.parameters.static.mean) == 4
     # Nearly full, but with a row for all that the budget has: nothing to double.
     many = jax.tree.map(lambda x: jnp.concatenate([x] * 5), full)
     state = begin_state(Parameters(with_rows(many, 21), jax.tree.map(lambda x: x[:0], full), None))

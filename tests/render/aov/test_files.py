@@ -1,13 +1,16 @@
 """Labels as files: beside the pictures, in their lists, and only if they are asked for."""
 
+import dataclasses
 import json
 
 import numpy as np
 import pytest
 import toy
 
+from gaussray.camera.shutter import interlaced_row_times, row_moments
 from gaussray.capture.formats.paired import read_capture
 from gaussray.dataset.layers import read_layers
+from gaussray.dataset.sample_manifest import row_exposure_times
 from gaussray.render import dataset
 from gaussray.render.aov.files import neighbour_cameras, with_label_files
 from gaussray.render.dataset import render_dataset
@@ -67,3 +70,21 @@ def test_neighbours_are_those_in_time_of_the_same_camera():
     assert near[second.file_path] == (first.camera, third.camera)
     assert near[third.file_path] == (second.camera, None)
     assert with_label_files(records, ()) == records
+
+
+@pytest.mark.parametrize("first", ["even", "odd"])
+def test_global_twins_of_fields_and_tables_have_the_least_and_the_median_moment(first):
+    fields = interlaced_row_times(toy.SIZE, 0.1, first)
+    table = np.random.default_rng(3).permutation(np.linspace(-0.1, 0.1, toy.SIZE))
+    for row_times in (fields, table):
+        camera = toy.rolling(toy.camera(), readout=0.02)
+        shutter = dataclasses.replace(camera.shutter, row_times=toy.single(row_times))
+        camera = dataclasses.replace(camera, shutter=shutter)
+        moments = np.sort(row_moments(shutter, (toy.SIZE, toy.SIZE)))
+        record = dataclasses.replace(toy.records()[0], camera=camera)
+        _, *twins = with_label_files([record], ("global_first", "global_middle"))
+        for twin, expected in zip(twins, (moments[0], moments[toy.SIZE // 2]), strict=True):
+            np.testing.assert_allclose(twin.camera.shutter.row_offset, expected, rtol=1e-6)
+            assert twin.camera.shutter.row_times is None
+        # The velocities of carla_rs are those of this moment.
+        assert row_exposure_times(twins[0].camera) == [min(row_exposure_times(camera))]

@@ -1,0 +1,62 @@
+"""Two cameras that show the same pictures are told of."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from gaussray.prepare.features import Keypoints, MatchingPicture
+from gaussray.prepare.findings.same_pictures import same_picture_findings
+from gaussray.prepare.poses import Placement
+from gaussray.prepare.sparse_model import Observations, SparseModel
+
+
+def placed(shift, times=5, moved=0, still=False):
+    """A video of 640 x 480, and another one of half the size.
+
+    Args:
+        shift: pixels by which things in the second one are elsewhere.
+        times: number of timestamps.
+        moved: at so many timestamps they are elsewhere by 10 pixels more.
+        still: whether the cameras stand still: one picture each.
+    """
+    nothing, rows = np.zeros(0, int), np.stack([np.arange(60)] * 2, axis=1)
+    seen = Observations(nothing, nothing, nothing, np.zeros((0, 2)), np.zeros(0))
+    model = SparseModel([], np.zeros((0, 3, 4)), [], np.zeros((0, 3)), seen)
+    pictures, keypoints, matches = {}, {}, {}
+    for k in range(1 if still else times):
+        places = np.random.default_rng(k).uniform(0, 480, (60, 2))
+        other = (places + shift + 10 * (k < moved)) / 2
+        for name, size, xy in (("a", (640, 480), places), ("b", (320, 240), other)):
+            file = f"{name}{k}.png"
+            pictures[file] = MatchingPicture(file, name, k, size)
+            keypoints[file] = Keypoints(xy, np.full(60, k))
+        matches[f"a{k}.png", f"b{k}.png"] = rows
+        # What moves past shows at another time what stood there before.
+        matches["a0.png", f"b{k}.png"] = rows
+    names = frozenset("ab" if still else "")
+    return Placement(model, pictures, keypoints, matches, names, known=False)
+
+
+@pytest.mark.parametrize(
+    ("placement", "told"),
+    [
+        (placed(0.5), "a and b show the same pictures at 5 of 5 timestamps, as a video"),
+        (placed(0.0, moved=1), "a and b show the same pictures at 4 of 5 timestamps, as a video"),
+        (placed(0.0, moved=2), ""),
+        (placed(5.0), ""),
+        (placed(0.0, still=True), "a and b show the same pictures, as a video"),
+    ],
+)
+def test_a_video_and_its_copy_of_half_the_size_are_told_of(placement, told):
+    findings = same_picture_findings(placement)
+    assert [one.level for one in findings] == ["warn"] * bool(told)
+    assert not told or findings[0].text.startswith(told)
+
+
+def test_pictures_of_one_camera_and_few_matches_tell_nothing():
+    placement = placed(0.0)
+    few = {pair: rows[:39] for pair, rows in placement.matches.items()}
+    assert not same_picture_findings(dataclasses.replace(placement, matches=few))
+    one = {file: dataclasses.replace(p, camera="a") for file, p in placement.pictures.items()}
+    assert not same_picture_findings(dataclasses.replace(placement, pictures=one))

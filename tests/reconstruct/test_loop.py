@@ -1,0 +1,25 @@
+"""What is said of a stage whose time is too short."""
+
+from gaussray.reconstruct.loop import short_time_sentence
+from gaussray.reconstruct.run_progress import StageSchedule
+from gaussray.reconstruct.step_plan import TimedPlan
+
+
+def sentence(minutes, share):
+    plan = TimedPlan(60 * minutes * share, 50)
+    plan.seconds_of_fewest, plan.schedule = 66.0, StageSchedule(600)
+    return short_time_sentence(minutes, plan)
+
+
+def test_a_stage_that_gets_a_share_of_the_time_says_so():
+    assert sentence(1.5, 0.25) == (
+        "fit.minutes=1.5 is too short: this stage gets 0.4 minutes of them, and takes about 1.1 "
+        "minutes for 600 steps, its fewest. fit.minutes=4.4 has time for them."
+    )
+
+
+def test_a_stage_that_gets_all_of_the_time_says_nothing_of_shares():
+    assert sentence(0.5, 1.0) == (
+        "fit.minutes=0.5 is too short: this stage takes about 1.1 minutes for 600 steps, its "
+        "fewest. fit.minutes=1.1 has time for them."
+    )

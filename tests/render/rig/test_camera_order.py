@@ -1,0 +1,73 @@
+"""Frames, delays and rides follow the order of camera.names; the pictures keep their numbers."""
+
+import numpy as np
+import pytest
+import toy
+
+from gaussray.capture.formats.paired import read_views
+from gaussray.dataset.manifest import write_manifest
+from gaussray.render.rig import rig
+from gaussray.render.rig.placed import placed_views
+
+
+@pytest.fixture(scope="module")
+def views(tmp_path_factory):
+    path = tmp_path_factory.mktemp("order") / "transforms.json"
+    write_manifest(path, toy.records())
+    return read_views(path)
+
+
+def records(views, *names, **groups):
+    options = rig.RigOptions(camera=rig.CameraOptions(names=names), **groups)
+    return rig.frame_records(views, options=options, samples=1)
+
+
+def test_pictures_keep_their_numbers_in_any_order_of_names(views):
+    forth = records(views, "cam_1", "cam_3")
+    back = records(views, "cam_3", "cam_1")
+    assert [one.camera_name for one in back] == ["cam_3"] * 3 + ["cam_1"] * 3
+    times = {one.file_path: float(one.camera.time) for one in back}
+    assert times == {one.file_path: float(one.camera.time) for one in forth}
+    assert [one.file_path for one in forth] == sorted(times)
+    assert back[0].file_path == "images/pinhole/cam_3/0003.png"
+
+
+def test_delays_and_shakes_are_those_of_the_named_order(views):
+    found = records(
+        views, "cam_3", "cam_1", shutter=rig.ShutterOptions(trigger=(0.1, 0.2)),
+        trajectory=rig.TrajectoryOptions(shake_degrees=1.0, shake_seed=4),
+    )  # fmt: skip
+    for one in found:
+        delay, seed = {"cam_3": (0.1, 4), "cam_1": (0.2, 5)}[one.camera_name]
+        np.testing.assert_allclose(one.camera.shutter.trigger, delay, rtol=1e-6)
+        assert float(one.camera.trajectory.shake.seed) == seed
+
+
+def places(views, *names):
+    ride = records(views, *names, trajectory=rig.TrajectoryOptions("between", steps=4))
+    assert [one.file_path[-8:] for one in ride] == [f"{i:04d}.png" for i in range(4)]
+    return np.asarray(ride[0].camera.trajectory.translation)
+
+
+def test_a_ride_passes_the_cameras_in_their_order_and_may_return(views):
+    place = {v.camera_name: np.asarray(v.camera.trajectory.translation[0]) for v in views}
+    for names in (("cam_3", "cam_1"), ("cam_1", "cam_3"), ("cam_2", "cam_0", "cam_2")):
+        np.testing.assert_array_equal(places(views, *names), [place[name] for name in names])
+    with pytest.raises(ValueError, match="between needs at least two cameras"):
+        places(views, "cam_2", "cam_2")
+
+
+@pytest.mark.parametrize("kind", ["keep", "path"])
+def test_a_camera_that_is_named_twice_is_refused_but_on_a_ride_between(views, kind):
+    options = rig.TrajectoryOptions(kind, file="a.txt" if kind == "path" else "")
+    with pytest.raises(ValueError, match="must name each camera once, got cam_1 more than once"):
+        records(views, "cam_1", "cam_3", "cam_1", trajectory=options)
+
+
+def test_a_file_of_poses_that_is_missing_is_named_with_its_key(views):
+    options = rig.TrajectoryOptions("path", file="/nope.json")
+    with pytest.raises(FileNotFoundError, match=r"^trajectory\.file=/nope\.json: no such file"):
+        records(views, "cam_1", trajectory=options)
+    with pytest.raises(FileNotFoundError, match=r"^camera\.file=/nope\.json: no such file"):
+        rig_path = rig.CameraOptions("path", file="/nope.json")
+        placed_views(toy.scene(), rig_path)
