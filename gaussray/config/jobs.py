@@ -82,6 +82,8 @@ def render_job(
     scene = load(cfg.scene)
     views = chosen_views(cfg, scene, rig.camera, cameras)
     _note_of_cameras(views, rig.camera, tell)
+    if cfg.cameras is None and rig.camera.kind == "capture" and not rig.film.size:
+        _note_of_size(views, rigs.fit_scale(cfg.scene), tell)
     in_scene_units = physical.apply_units(rig, units)
     check_used_keys(in_scene_units)
     focus_meter = meter(scene, trace)
@@ -116,6 +118,15 @@ def _note_of_cameras(
         note(
             f"No camera is held out, so all {len(names)} are rendered ({listed}); "
             "camera.names=[CAMERA] chooses some."
+        )
+
+
+def _note_of_size(views: Sequence[View], scale: float, note: Callable[[str], Any]) -> None:
+    """Say that pictures are smaller than the capture's where the fit saw smaller ones."""
+    if scale < 1 and views:
+        note(
+            f"Pictures are {views[0].width} x {views[0].height}, as the fit saw them ({scale:.2g} "
+            "of the capture's sides); film.size=[WIDTH,HEIGHT] sets another size."
         )
 
 

@@ -66,6 +66,11 @@ class ManifestEntry(NamedTuple):
     tables: Mapping[str, np.ndarray]
 
 
+# Key of `info` in the cameras.json of a reconstruction: how much smaller than the capture's the
+# pictures were that it fitted.
+FIT_SCALE = "fit_scale"
+
+
 def write_manifest(
     path: Path | str,
     views: Sequence[FrameRecord],

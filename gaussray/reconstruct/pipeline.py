@@ -149,7 +149,8 @@ def _fit_segments(
         if is_primary():
             _save(file, scene, report)
             if file == files[0]:
-                write_refined_cameras(log.out / "cameras.json", session, state, plan.recorded)
+                path, scale = log.out / "cameras.json", plan.scale
+                write_refined_cameras(path, session, state, unscaled=plan.unscaled, scale=scale)
         # Hosts that write no file do not know its size.
         if not quiet:
             for sentence in segment_sentences(session, state, report, first=file == files[0]):

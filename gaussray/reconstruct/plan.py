@@ -32,7 +32,8 @@ class FitPlan(NamedTuple):
 
     Args:
         capture: the pictures, as large as they are fitted.
-        recorded: the same pictures, as large as they were given.
+        unscaled: the same pictures, as large as they were given.
+        scale: how much smaller the fitted ones are.
         options: all options, with what device, capture and trials decided.
         segments: the segments.
         shared: what trials found out of the first segment, for its fit.
@@ -40,7 +41,8 @@ class FitPlan(NamedTuple):
     """
 
     capture: Capture
-    recorded: Capture
+    unscaled: Capture
+    scale: float
     options: ReconstructOptions
     segments: list[Segment]
     shared: SharedResults
@@ -97,7 +99,7 @@ def fit_plan(
         parts = segments(chosen.capture, options.fit.segment)
         fits = replace(fits, capture=chosen.capture, segment=parts[0], shared=SharedResults())
     options = with_refinement_tried(fits, chosen.options, resume=resume, say=say)
-    return FitPlan(chosen.capture, capture, options, parts, fits.shared, scores)
+    return FitPlan(chosen.capture, capture, chosen.scale, options, parts, fits.shared, scores)
 
 
 def _of_trial_part(fits: TrialFits, most: int, say: Callable[[str], None]) -> TrialFits:

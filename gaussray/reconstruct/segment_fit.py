@@ -16,7 +16,7 @@ from gaussray.camera.refined_cameras import (
     refined_frames,
 )
 from gaussray.capture.capture import Capture
-from gaussray.dataset.manifest import FrameRecord, write_manifest
+from gaussray.dataset.manifest import FIT_SCALE, FrameRecord, write_manifest
 from gaussray.reconstruct.backdrop_shell import with_backdrop_shell
 from gaussray.reconstruct.checks.doubtful_views import doubtful_views
 from gaussray.reconstruct.checks.failed_fit import demand_detail
@@ -111,9 +111,11 @@ def pruned_segment(
     return scene, report
 
 
-def write_refined_cameras(path: Path, session: Session, state: State, recorded: Capture) -> None:
-    """Write every camera of the capture as refined, what was refined, and the gains and colour
-    matrices that were found.
+def write_refined_cameras(
+    path: Path, session: Session, state: State, *, unscaled: Capture, scale: float
+) -> None:
+    """Write every camera of the capture as refined, what was refined, the gains and colour matrices
+    that were found, and how much smaller the fitted pictures are.
 
     Corrections are relative to the focal length, so that they hold for pictures of any size.
 
@@ -121,10 +123,11 @@ def write_refined_cameras(path: Path, session: Session, state: State, recorded: 
         path: the JSON file.
         session: the capture's cameras as they were fitted.
         state: the fitted state, for its corrections.
-        recorded: the capture, its pictures of the size that is written.
+        unscaled: the capture, its pictures of the size that is written.
+        scale: of the fitted pictures' sides.
     """
     corrections, names = state.parameters.corrections, session.names
-    views = recorded.views
+    views = unscaled.views
     frames = [(view.camera_name, view.camera) for view in views]
     cameras = refined_frames(corrections, session.cameras, names, frames)
     records = [
@@ -137,6 +140,8 @@ def write_refined_cameras(path: Path, session: Session, state: State, recorded: 
         "color_matrix": color_matrices(corrections, session.cameras, names),
     }
     found = {key: value for key, value in found.items() if value}
+    if scale < 1:
+        found[FIT_SCALE] = scale
     write_manifest(path, records, extra={"info": found} if found else None)
 
 

@@ -8,7 +8,7 @@ import pytest
 import toy
 
 from gaussray.camera.shutter import sample_time
-from gaussray.capture.formats.paired import read_capture
+from gaussray.capture.formats.paired import read_cameras, read_capture
 from gaussray.capture.frames import read_encoded
 from gaussray.color import srgb_encode
 from gaussray.dataset.images import write_image
@@ -21,7 +21,7 @@ from gaussray.reconstruct.initialize.body_tracking import TrackOptions
 from gaussray.reconstruct.pipeline import reconstruct
 from gaussray.render.options import RenderOptions
 from gaussray.render.renderer import Renderer
-from gaussray.render.rig.rig import load_views
+from gaussray.render.rig.rig import fit_scale, load_views
 from gaussray.scene.scene import Scene
 from gaussray.scene.store import load_scene
 
@@ -104,8 +104,16 @@ def test_a_fit_of_smaller_pictures_shows_the_whole_ones(capture, tmp_path, monke
     said = capsys.readouterr().out
     assert f"scaled by 0.50 to {SMALL} x {SMALL}" in said and "not synchronised" not in said
     # The cameras of the run are those of the capture, not those of the smaller pictures.
-    kept = load_views(tmp_path, None)
+    kept = read_cameras(tmp_path / "cameras.json")
     assert {(view.width, view.height) for view in kept} == {(WHOLE, WHOLE)}
+    # Pictures of the scene are as large as those that it was fitted to.
+    assert fit_scale(tmp_path) == 0.5 and fit_scale(tmp_path / "scene.npz") == 0.5
+    shown = load_views(tmp_path, None)
+    assert {(view.width, view.height) for view in shown} == {(SMALL, SMALL)}
+    small = auto_choice(capture, OPTIONS, Slow(gpu=False)).capture.views
+    for a, b in zip(shown, small, strict=True):
+        assert row_time(a.camera, 5) == pytest.approx(row_time(b.camera, 5), abs=1e-6)
+        np.testing.assert_allclose(a.camera.lens.focal, b.camera.lens.focal, rtol=1e-6)
     for own, view in zip(kept, capture.views, strict=True):
         assert (own.camera_name, own.split, own.time) == (view.camera_name, view.split, view.time)
         pair = (jax.tree.leaves(x.camera) for x in (own, view))

@@ -2,9 +2,10 @@
 
 import difflib
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -15,9 +16,10 @@ from gaussray.camera.camera import Camera, check_focus
 from gaussray.camera.lens import AbstractLens
 from gaussray.capture.capture import View
 from gaussray.capture.formats.paired import effect_files, read_cameras
-from gaussray.capture.formats.transforms import PINHOLE_FILE
+from gaussray.capture.formats.transforms import PINHOLE_FILE, json_object
 from gaussray.capture.open import FORMATS, format_of
-from gaussray.dataset.manifest import FrameRecord
+from gaussray.capture.view_part import part_of_view
+from gaussray.dataset.manifest import FIT_SCALE, FrameRecord
 from gaussray.io.plain_values import to_device
 from gaussray.render.aov.labeller import PICTURE_LABELS
 from gaussray.render.rig.aperture import (
@@ -264,7 +266,8 @@ def _only_manifest(folder: Path) -> Path:
 
 
 def load_views(scene: Path | str, cameras: Path | str | None) -> list[View]:
-    """Read the views of a capture, or those stored with a reconstructed scene.
+    """Read the views of a capture, or those stored with a reconstructed scene, as large as the
+    pictures that it was fitted to.
 
     Args:
         scene: the folder of a reconstruction, or a scene file in it; read if `cameras` is None.
@@ -297,4 +300,27 @@ def load_views(scene: Path | str, cameras: Path | str | None) -> list[View]:
             f"{path}: no such file. Name a capture's folder, cameras=DIR, or place a camera: "
             "camera=orbit or camera=look_at."
         )
-    return read_cameras(path)
+    scale, made = fit_scale(path), dict[Any, Any]()
+    return [_scaled(view, scale, made) for view in read_cameras(path)]
+
+
+def fit_scale(scene: Path | str) -> float:
+    """How much smaller than the capture's the pictures were that a reconstruction fitted; 1 where
+    they were as large, or nothing says so.
+
+    Args:
+        scene: the folder of a reconstruction, or a file in it.
+    """
+    path = Path(scene)
+    path = (path if path.is_dir() else path.parent) / "cameras.json"
+    info = json_object(path).get("info") if path.is_file() else None
+    scale = info.get(FIT_SCALE, 1.0) if isinstance(info, Mapping) else 1.0
+    return float(scale) if isinstance(scale, float) and 0 < scale < 1 else 1.0
+
+
+def _scaled(view: View, scale: float, made: dict[Any, Any]) -> View:
+    """A view of smaller pictures; `made` holds lenses that are made already."""
+    if scale == 1:
+        return view
+    size = max(round(scale * view.width), 1), max(round(scale * view.height), 1)
+    return part_of_view(view, (0, 0, view.width, view.height), size, made)
