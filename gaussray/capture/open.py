@@ -22,7 +22,12 @@ from gaussray.capture.formats.dnerf import SPLIT_FILES, VALIDATION_FILE, read_sp
 from gaussray.capture.formats.dynamic3dgs import META_FILES, read_dynamic3dgs
 from gaussray.capture.formats.euroc import SENSOR_FILE, euroc_file, read_euroc
 from gaussray.capture.formats.immersive import MODELS_FILE, is_immersive, read_immersive
-from gaussray.capture.formats.kitti import KITTI_CALIBRATION, kitti_file, read_kitti
+from gaussray.capture.formats.kitti import (
+    KITTI_CALIBRATION,
+    has_kitti_folders,
+    kitti_file,
+    read_kitti,
+)
 from gaussray.capture.formats.llff import llff_pictures, read_llff
 from gaussray.capture.formats.metashape import metashape_file, read_metashape
 from gaussray.capture.formats.middlebury import PAR_FILE, middlebury_file, read_middlebury
@@ -30,6 +35,7 @@ from gaussray.capture.formats.nerfies import DATASET_FILE, is_nerfies, read_nerf
 from gaussray.capture.formats.neural3d import read_neural3d, videos_of
 from gaussray.capture.formats.neus import CAMERA_FILES, neus_file, read_neus
 from gaussray.capture.formats.no_capture import remedy_for
+from gaussray.capture.formats.number_files import MATRIX_FILE
 from gaussray.capture.formats.openmvg import SFM_DATA_FILES, openmvg_file, read_openmvg
 from gaussray.capture.formats.opensfm import RECONSTRUCTION_FILES, opensfm_file, read_opensfm
 from gaussray.capture.formats.paired import effect_files, read_capture
@@ -275,8 +281,15 @@ def _format(folder: Path) -> str | None:
         "middlebury": middlebury_file,
         "record3d": record3d_file,
         "sevenscenes": sevenscenes_file,
-        "kitti": kitti_file,
+        "kitti": _kitti_file,
         "tum": tum_file,
         "euroc": euroc_file,
     }
     return next((name for name, file_of in found.items() if file_of(folder) is not None), None)
+
+
+def _kitti_file(folder: Path) -> Path | None:
+    """The file of KITTI's poses; None where TUM's files are, with a lens that is read before the
+    calibration, unless the pictures are in KITTI's folders."""
+    own_lens = (folder / MATRIX_FILE).is_file() and not has_kitti_folders(folder)
+    return None if own_lens and tum_file(folder) is not None else kitti_file(folder)

@@ -25,9 +25,10 @@ def at_stored_sizes(capture: Capture) -> Capture:
     """The capture with cameras of the size of their pictures, where these were resized as a whole.
 
     The header of each picture that exists is read. If both its sides differ from the camera's by
-    one factor, up to a pixel, so do lens and shutter of this view. A warning tells the sizes of
-    each folder, and how many pictures there have another aspect ratio: these are left for the error
-    of the picture's reader.
+    one factor, up to a pixel, so do lens and shutter of this view. A picture that is absent or
+    cannot be read has the size of the others of its folder whose cameras say the same, where these
+    have one size. A warning tells the sizes of each folder, and how many pictures there have
+    another aspect ratio: these are left for the error of the picture's reader.
     """
     views = capture.all_views
     stored = _stored_sizes(views)
@@ -35,15 +36,19 @@ def at_stored_sizes(capture: Capture) -> Capture:
     for view in views:
         if _file(view) in stored:
             groups.setdefault((view.image.parent, _said(view)), []).append(view)
+    common: dict[tuple[Path, _Size], _Size] = {}
     for (folder, said), group in groups.items():
-        text = _sizes_sentence(said, group, [stored[_file(view)] for view in group])
+        sizes = [stored[_file(view)] for view in group]
+        if len(set(sizes)) == 1:
+            common[folder, said] = sizes[0]
+        text = _sizes_sentence(said, group, sizes)
         if text:
             warnings.warn(f"{folder}: {text}", CaptureWarning, stacklevel=3)
     made: dict[Any, Any] = {}
 
     def fitting(view: View) -> View:
         said = _said(view)
-        size = stored.get(_file(view), said)
+        size = stored.get(_file(view)) or common.get((view.image.parent, said), said)
         return view if size == said or not _same_aspect(size, said) else _resized(view, size, made)
 
     return capture.with_views(lambda views: [fitting(view) for view in views])

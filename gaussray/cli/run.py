@@ -100,9 +100,11 @@ def _resume_hint(command: str) -> str:
 
 @contextlib.contextmanager
 def _terminated_as_interrupted(command: str) -> Iterator[None]:
-    """Within the block SIGTERM interrupts a command of `_TIDY`, as Ctrl-C does."""
+    """Within the block SIGTERM interrupts a command of `_TIDY`, as Ctrl-C does. A second one does
+    nothing, so that what the command removes is removed completely."""
 
     def interrupt(number: int, frame: FrameType | None) -> None:
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
         raise KeyboardInterrupt
 
     before = None

@@ -42,6 +42,8 @@ from gaussray.tracer.options import TraceOptions
 SCORES = "scores.jsonl"
 # Pictures that are rendered before they are scored, at most, and seconds after which no more are.
 _AT_ONCE, _SECONDS = 16, 2.0
+# Pixels at the border of a picture, where the window of SSIM is cut.
+_BORDER = 5
 
 
 @locks_output
@@ -74,12 +76,13 @@ def evaluate(
     Returns:
         The content of report.json. Under `effects`, for each effect: means over the pictures of
         `psnr` (dB) and `ssim`, where pixels that the distortion of a pinhole lens leaves without a
-        ray do not count; the same inside the lens's field of view, less a rim of one pixel
-        (`psnr_masked`), and inside the disc that the fisheye benchmark scores (`psnr_circle`),
-        where these are not the whole picture;
-        PSNR of moving pixels; `flicker` of static pixels beside the capture's own; FLIP and LPIPS
-        if their packages are installed; frames per second without compilation; under `parts` the
-        same for training views, held-out cameras and held-out times.
+        ray do not count, nor a rim of one pixel around these; the same inside the field of view of
+        any lens, less this rim (`psnr_masked`, `ssim_masked`), and inside the disc that the fisheye
+        benchmark scores (`psnr_circle`), where these are not the whole picture (SSIM always without
+        the five pixels at the picture's border); PSNR of moving pixels; `flicker` of static pixels
+        beside the capture's own; FLIP and LPIPS if their packages are installed; frames per second
+        without compilation; under `parts` the same for training views, held-out cameras and
+        held-out times.
 
     Raises:
         ValueError: If an effect is unknown, or no frame is chosen.
@@ -290,21 +293,36 @@ def _score(
 ) -> dict[str, Any]:
     """The scores of a picture; `moving` is the summed squared error and its number of values.
 
-    Where a lens should fill the picture (`fills`), pixels without a ray do not count: the scene
-    cannot show there what the picture does. Around the circle of a fisheye both are black.
+    Where a lens should fill the picture (`fills`), pixels without a ray do not count, nor a rim of
+    one pixel around these: the scene cannot show there what the picture does. Around the circle of
+    a fisheye both are black. SSIM leaves out the border of the picture, whatever else counts.
     """
     counted = visible if fills else None
-    score: dict[str, Any] = {"psnr": psnr(real, ours, counted), "ssim": ssim(real, ours, counted)}
+    score: dict[str, Any] = {"psnr": psnr(real, ours, counted)}
+    score["ssim"] = _inner_ssim(real, ours, counted)
     if moving is not None and counted is not None:
         moving = moving & counted
     if visible is not None:
         for name, mask in (("masked", visible), ("circle", circle_mask(visible.shape))):
             score[f"psnr_{name}"] = psnr(real, ours, mask)
-            score[f"ssim_{name}"] = ssim(real, ours, mask)
+            score[f"ssim_{name}"] = _inner_ssim(real, ours, mask)
     if moving is not None and moving.any():
         error = (real.astype(np.float64) - ours)[moving] / 255
         score["moving"] = (float(np.sum(error**2)), error.size)
     return score
+
+
+def _inner_ssim(
+    real: UInt8[np.ndarray, "h w 3"],
+    ours: UInt8[np.ndarray, "h w 3"],
+    mask: Bool[np.ndarray, "h w"] | None,
+) -> float:
+    """SSIM over a mask, less the border that SSIM without one leaves out."""
+    if mask is None:
+        return ssim(real, ours)
+    inner = np.zeros_like(mask)
+    inner[_BORDER:-_BORDER, _BORDER:-_BORDER] = True
+    return ssim(real, ours, mask & inner)
 
 
 def _part(view: View, trained: set[str]) -> str:

@@ -12,6 +12,10 @@ from gaussray.prepare.poses import Placement
 # thousandths of the width. (Of the captures that were looked at, pictures whose pose was right
 # reached 2.7 times, and wrong ones 7.7 and 192 times.)
 _FARTHER, _LEAST = 4.0, 1.0
+# A pose is surely wrong only if matches are so many thousandths of the width off, and the others
+# are so many pairs among so many pictures: blurred pictures and near duplicates beside them differ
+# as well.
+_SURELY, _SURE_PAIRS, _SURE_PICTURES = 3.0, 3, 3
 # Pairs of a picture that count: those with most matches.
 _PARTNERS = 12
 # Fewest matches of a picture that has one pair alone, and of a pair that contradicts by itself:
@@ -19,7 +23,9 @@ _PARTNERS = 12
 _ALONE = 100
 
 
-def contradicted_pictures(placement: Placement) -> dict[str, tuple[float, float]]:
+def contradicted_pictures(
+    placement: Placement, *, surely: bool = False
+) -> dict[str, tuple[float, float]]:
     """Pictures whose matches are far off while those of the others fit: by file their typical
     distance in pixels of that picture, and that of the pairs without it.
 
@@ -28,16 +34,18 @@ def contradicted_pictures(placement: Placement) -> dict[str, tuple[float, float]
 
     Args:
         placement: poses, lenses, keypoints and matches.
+        surely: only those whose pose cannot be right, beside enough others that tell it; else all
+            that are doubtful.
     """
-    left = _strong_pairs(placement)
+    left, least = _strong_pairs(placement), _SURELY if surely else _LEAST
     found: dict[str, tuple[float, float]] = {}
     while 2 * (len(found) + 1) < len(placement.model.pictures):
-        distances = _distances(left)
+        distances = _distances(left, surely)
         if not distances:
             break
         worst = max(distances, key=lambda file: distances[file][0] / max(distances[file][1], 1e-9))
         own, rest = distances[worst]
-        if not _is_far(own, rest):
+        if not _is_far(own, rest, least):
             break
         scale = _widths(placement)[worst] / 1000
         found[worst] = scale * own, scale * rest
@@ -66,8 +74,8 @@ def contradicting_pairs(placement: Placement) -> dict[tuple[str, str], float]:
     }
 
 
-def _is_far(distance: float, others: float) -> bool:
-    return distance > max(_LEAST, _FARTHER * others)
+def _is_far(distance: float, others: float, least: float = _LEAST) -> bool:
+    return distance > max(least, _FARTHER * others)
 
 
 def _widths(placement: Placement) -> dict[str, int]:
@@ -95,13 +103,22 @@ def _strong_pairs(placement: Placement) -> dict[tuple[str, str], PairDistance]:
 
 
 def _distances(
-    pairs: Mapping[tuple[str, str], PairDistance],
+    pairs: Mapping[tuple[str, str], PairDistance], surely: bool
 ) -> dict[str, tuple[float, float]]:
-    """The typical distance of the pairs with each picture, and of those without it."""
+    """The typical distance of the pairs with each picture, and of those without it.
+
+    Args:
+        pairs: the pairs that count.
+        surely: whether those without it must be enough.
+    """
     result = {}
     for file in dict.fromkeys(file for pair in pairs for file in pair):
         own = [one for pair, one in pairs.items() if file in pair]
-        rest = [one for pair, one in pairs.items() if file not in pair]
+        others = [pair for pair in pairs if file not in pair]
+        pictures = {one for pair in others for one in pair}
+        if surely and (len(others) < _SURE_PAIRS or len(pictures) < _SURE_PICTURES):
+            continue
+        rest = [pairs[pair] for pair in others]
         if rest and (len(own) > 1 or own[0].matches >= _ALONE):
             result[file] = _typical(own), _typical(rest)
     return result

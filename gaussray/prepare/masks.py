@@ -3,24 +3,26 @@
 import functools
 import shutil
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import UInt8
 
 from gaussray.capture.errors import CaptureWarning
-from gaussray.capture.mask_folder import MASK_FOLDER, mask_in
+from gaussray.capture.mask_folder import MASK_FOLDER
 from gaussray.capture.orientation import stored_orientation, upright_pixels
 from gaussray.capture.picture_file import open_image, picture_size, read_levels
 from gaussray.capture.videos import VIDEO_SUFFIXES, frame_of
 from gaussray.dataset.images import write_image
 from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.input_files import files_in
+from gaussray.prepare.mask_names import marked_masks, mask_of
+from gaussray.prepare.mask_record import record_masks, recorded_masks
 from gaussray.prepare.photographs import HEIC_SUFFIXES, PHOTOGRAPH_SUFFIXES
 from gaussray.prepare.sources import Source
 from gaussray.prepare.timeline import Timeline
-from gaussray.prepare.unused_inputs import MASK_MARK
 from gaussray.prepare.video_masks import (
     MASK_FOLDERS,
     black_and_white,
@@ -31,8 +33,27 @@ from gaussray.runtime.output import counted
 from gaussray.runtime.progress import say
 
 
-# The masks of a folder by the names of their pictures without suffix, in small letters.
-MarkedMasks = dict[str, Path]
+class _Planned(NamedTuple):
+    """A picture and its mask.
+
+    Args:
+        source: the camera.
+        frame: index of its frame.
+        copy: the picture in the capture.
+        target: where its mask is in the capture.
+        mask: the mask, or the masks of the video; None if there is none.
+    """
+
+    source: Source
+    frame: int
+    copy: Path
+    target: Path
+    mask: Path | None
+
+    @property
+    def is_new(self) -> bool:
+        """Whether the mask is one that is to be written."""
+        return self.mask is not None and self.mask.resolve() != self.target.resolve()
 
 
 def copy_masks(
@@ -56,36 +77,51 @@ def copy_masks(
         needed: whether there must be a mask (`poses.masks`).
 
     Raises:
-        PrepareError: A mask is needed, and no picture has one; or those of a video do not fit it.
+        PrepareError: A mask is needed, and no picture has one; those of a video do not fit it; or
+            masks of another origin lie where those of the capture would be.
     """
-    found, wrong, count = 0, [], 0
+    home = _home(files)
+    ours = recorded_masks(home)
     # Pictures of one folder have names of their own, also if these say several cameras.
     alone = len({path.parent for source in sources for path in source.pictures}) == 1
     alone = alone and not any(source.is_video for source in sources)
     marked = functools.cache(marked_masks)
+    videos = {one.name: _video_masks(one, home, ours) for one in sources if one.is_video}
+    plans: list[_Planned] = []
     for source in sources:
-        if source.is_video:
-            masks = _copy_video_masks(source, timeline.frames[source.name], files[source.name])
-            found, count = found + masks, count + len(files[source.name])
-            continue
-        for i, copy in zip(timeline.frames[source.name], files[source.name], strict=True):
+        own = list(zip(timeline.frames[source.name].tolist(), files[source.name], strict=True))
+        for i, copy in own:
             target = written_mask(copy)
-            mask = mask_of(source.pictures[i], alone=alone, marked=marked)
-            levels = None if mask is None else _levels(mask, source.pictures[i], copy)
-            count += 1
-            if levels is not None:
-                write_image(target, levels)
-                found += 1
-                continue
-            # Of an earlier run.
-            target.unlink(missing_ok=True)
-            wrong += [] if mask is None else [mask]
+            mask = (
+                videos[source.name]
+                if source.is_video
+                else mask_of(source.pictures[i], alone=alone, marked=marked, ours=ours)
+            )
+            plans.append(_Planned(source, i, copy, target, _kept(mask, target, ours)))
+    # Nothing is changed before everything is known, and nothing removed that is not ours.
+    written = {plan.target.resolve() for plan in plans if plan.is_new}
+    if written:
+        record_masks(home, ours | written)
+    wrong = []
+    for source in sources:
+        own_plans = [plan for plan in plans if plan.source is source]
+        masks = videos.get(source.name)
+        if masks is not None:
+            write_video_masks(source, masks, {plan.frame: plan.target for plan in own_plans})
+        elif not source.is_video:
+            wrong += [plan for plan in own_plans if not _copy_mask(plan)]
+    written -= {plan.target.resolve() for plan in wrong}
+    for path in ours - written:
+        path.unlink(missing_ok=True)
+    if ours | written:
+        record_masks(home, written)
+    count, found = len(plans), sum(plan.mask is not None for plan in plans) - len(wrong)
     if found:
         say(f"{found} of {count} pictures have a mask, whose white pixels count in the fit.")
     if wrong:
         warnings.warn(
-            f"{len(wrong)} masks, first {wrong[0]}, have another size than their picture, and are "
-            "left out. Write them as large as the pictures.",
+            f"{len(wrong)} masks, first {wrong[0].mask}, have another size than their picture, and "
+            "are left out. Write them as large as the pictures.",
             CaptureWarning,
             stacklevel=2,
         )
@@ -93,17 +129,71 @@ def copy_masks(
         _tell_none(sources, alone, needed, bool(wrong))
 
 
-def _copy_video_masks(source: Source, frames: np.ndarray, files: Sequence[Path]) -> int:
-    """Put the masks of the used frames of a video into a capture, and count them."""
-    targets = {int(i): written_mask(copy) for i, copy in zip(frames, files, strict=True)}
-    masks = masks_of_video(source)
-    for target in targets.values():
-        # Of an earlier run.
-        target.unlink(missing_ok=True)
-    if masks is None:
-        return 0
-    write_video_masks(source, masks, targets)
-    return len(files)
+def check_masks(sources: Sequence[Source], out: Path) -> None:
+    """Refuse masks of videos that lie where those of the capture are written.
+
+    Args:
+        sources: the cameras.
+        out: the capture's folder, of which nothing has been changed yet.
+
+    Raises:
+        PrepareError: There are such masks.
+    """
+    home = out / MASK_FOLDER
+    ours = recorded_masks(home)
+    for source in sources:
+        if source.is_video:
+            _video_masks(source, home, ours)
+
+
+def _video_masks(source: Source, home: Path, ours: Collection[Path]) -> Path | None:
+    """The masks of a video, which must not lie where those of the capture are written."""
+    masks, target = masks_of_video(source, ours), home / source.name
+    if masks is not None and target.is_dir() and masks.samefile(target):
+        raise PrepareError(
+            f"{masks}: the masks of {source.path} must not lie in the folder that is written, got "
+            f"out={home.parent}. Choose another folder as out."
+        )
+    return masks
+
+
+def _kept(mask: Path | None, target: Path, ours: Collection[Path]) -> Path | None:
+    """The mask of a picture: one of the input, else one that somebody has put into the capture.
+
+    Args:
+        mask: a mask, or masks, of the input.
+        target: where the mask is in the capture.
+        ours: masks that an earlier run has written.
+    """
+    if not target.is_file() or target.resolve() in ours:
+        return mask
+    if mask is not None and not mask.samefile(target):
+        raise PrepareError(
+            f"{target}: is a mask that no earlier run is known to have written, and would be "
+            f"replaced by that of {mask}. Take one of them away, or choose another folder as out."
+        )
+    return target
+
+
+def _copy_mask(plan: _Planned) -> bool:
+    """Put the mask of a photograph, if it has one, into the capture; False if it has another size
+    than the photograph."""
+    if plan.mask is None:
+        return True
+    levels = _levels(plan.mask, plan.source.pictures[plan.frame], plan.copy)
+    if levels is not None and plan.is_new:
+        write_image(plan.target, levels)
+    if levels is None and not plan.is_new:
+        raise PrepareError(
+            f"{plan.mask}: the mask must be as large as {plan.copy}, whose mask in the capture it "
+            "is. Write it anew, or take it away."
+        )
+    return levels is not None
+
+
+def _home(files: Mapping[str, Sequence[Path]]) -> Path:
+    """The folder of masks of a capture with these files."""
+    return written_mask(next(own[0] for own in files.values() if own)).parent.parent
 
 
 def _tell_none(sources: Sequence[Source], alone: bool, needed: bool, wrong: bool) -> None:
@@ -213,53 +303,6 @@ def write_matching_masks(
             shutil.copyfile(mask, folder / f"{name}.png")
         else:
             write_image(folder / f"{name}.png", np.full((height, width, 3), 255, np.uint8))
-
-
-def marked_masks(folder: Path) -> MarkedMasks:
-    """The masks of a folder that are called as their picture and `_mask` or `.mask`, in letters of
-    any case, by the picture's name without suffix in small letters.
-
-    Args:
-        folder: a folder of masks, which may not exist.
-    """
-    files = files_in(folder, PHOTOGRAPH_SUFFIXES) if folder.is_dir() else []
-    found: MarkedMasks = {}
-    # Of several of one picture a PNG counts first: a JPEG blurs the border.
-    for path in sorted(files, key=lambda path: path.suffix.lower() != ".png"):
-        stem = path.stem.lower()
-        if MASK_MARK.search(stem):
-            found.setdefault(MASK_MARK.sub("", stem), path)
-    return found
-
-
-def mask_of(
-    picture: Path, *, alone: bool, marked: Callable[[Path], MarkedMasks] = marked_masks
-) -> Path | None:
-    """The mask of a picture, by its name; None if there is none.
-
-    That of `images/a.jpg` is `masks/a.png`, `masks/a.jpg.png`, `masks/a.jpg`, `masks/a_mask.png`
-    or `masks/a.mask.png`, beside the folder of the pictures; that of `cam01/a.jpg` is in
-    `masks/cam01/`, beside the camera's folder or one further up. Or they are in a folder `masks/`
-    within that of the pictures. `mask/` serves as well as `masks/`.
-
-    Args:
-        picture: a photograph.
-        alone: whether all pictures are in one folder; masks without a folder of a camera are not
-            those of one of several folders.
-        marked: `marked_masks`, or the same with a memory, for many pictures of one folder.
-    """
-    camera = picture.parent
-    homes = [camera.parent / name / camera.name for name in MASK_FOLDERS]
-    homes += [camera.parent.parent / name / camera.name for name in MASK_FOLDERS]
-    homes += [camera / name for name in MASK_FOLDERS]
-    homes += [camera.parent / name for name in MASK_FOLDERS if alone]
-    names = picture.stem.lower(), picture.name.lower()
-    for home in (home for home in homes if home != camera):
-        if (mask := mask_in(home, picture.name)) is not None:
-            return mask
-        if mask := next((marked(home)[name] for name in names if name in marked(home)), None):
-            return mask
-    return None
 
 
 def _levels(mask: Path, picture: Path, copy: Path) -> UInt8[np.ndarray, "h w 3"] | None:

@@ -1,7 +1,5 @@
 """From videos to a capture: frames, one clock, poses, checks."""
 
-import re
-import shutil
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -28,7 +26,8 @@ from gaussray.prepare.findings.lenses import lens_findings
 from gaussray.prepare.findings.points import point_findings
 from gaussray.prepare.findings.same_pictures import same_picture_findings
 from gaussray.prepare.given_lens import given_lenses
-from gaussray.prepare.masks import copy_masks
+from gaussray.prepare.leftovers import WORK_PREFIX, mark_work, remove_leftovers
+from gaussray.prepare.masks import check_masks, copy_masks
 from gaussray.prepare.media import copy_media
 from gaussray.prepare.options import PrepareOptions
 from gaussray.prepare.panels.failures import panels_in_errors
@@ -53,8 +52,6 @@ FACTS_FILE = "prepare.json"
 
 # Pairs of pictures whose epipolar lines are drawn.
 _PAIRS = 6
-# The folder of pictures and databases for COLMAP; a process that is killed leaves it.
-_WORK = ".prepare"
 
 
 @locks_output
@@ -79,7 +76,7 @@ def prepare_capture(
         OSError: Another process writes to `out`, or it cannot be written.
     """
     options, out = options or PrepareOptions(), Path(out)
-    _remove_leftovers(out)
+    remove_leftovers(out)
     pycolmap()
     sources, known, remarks = _calibrated(find_sources(videos), options)
     if known is None:
@@ -95,13 +92,15 @@ def prepare_capture(
     if len(sources) == 1 and not options.frames.rate and resampled(sources, timeline):
         used, count = len(timeline.times), sources[0].count
         say(f"{sources[0].name}: {used} of {count} frames are used; frames.rate takes others.")
+    check_masks(sources, out)
     # Pictures are about to be replaced: the poses of an earlier run must not stay beside them.
     (out / PINHOLE_FILE).unlink(missing_ok=True)
     files = copy_media(sources, timeline, out)
     copy_masks(sources, timeline, files, needed=options.poses.masks)
     out.mkdir(parents=True, exist_ok=True)
-    folder = tempfile.TemporaryDirectory(dir=out, prefix=_WORK)
+    folder = tempfile.TemporaryDirectory(dir=out, prefix=WORK_PREFIX)
     with panels_in_errors(sources), folder as work, quiet_colmap():
+        mark_work(Path(work))
         placement = find_poses(sources, timeline, files, known, Path(work), options, lenses)
         files = {name: own[:: placement.stride] for name, own in files.items()}
         placement, strays = without_strays(placement)
@@ -110,14 +109,6 @@ def prepare_capture(
         timeline = thinned_timeline(timeline, placement.stride)
         remarks = [*remarks, *strays, *clocks]
         return _checked(sources, sync, timeline, files, placement, remarks, out, options)
-
-
-def _remove_leftovers(out: Path) -> None:
-    """Remove what killed processes left for COLMAP in the output folder, which this one has
-    locked."""
-    for folder in out.glob(f"{_WORK}*"):
-        if re.fullmatch(r"[a-z0-9_]{8}", folder.name.removeprefix(_WORK)) and folder.is_dir():
-            shutil.rmtree(folder, ignore_errors=True)
 
 
 def refusal(facts: dict[str, Any]) -> str:

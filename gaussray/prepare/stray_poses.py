@@ -24,8 +24,8 @@ def without_strays(placement: Placement) -> tuple[Placement, list[Finding]]:
     """The placement without pictures whose pose cannot be believed, and a warning that names them.
 
     Of cameras that do not stand still, these are pictures with hardly an observation, and those
-    whose matches contradict their poses while those of the others fit; of all, pictures far outside
-    the others. Poses of a calibration are all kept.
+    whose matches surely contradict their poses while those of enough others fit; of all, pictures
+    far outside the others. Poses of a calibration are all kept.
 
     Args:
         placement: poses of the registered pictures.
@@ -38,7 +38,7 @@ def without_strays(placement: Placement) -> tuple[Placement, list[Finding]]:
     few = moving & (observations_by_picture(placement.model) < _FEWEST)
     far = _far_off(placement)
     believed = _kept(placement, ~(few | far))
-    found = contradicted_pictures(believed)
+    found = contradicted_pictures(believed, surely=True)
     off = {file: found[file] for file, moves in zip(files, moving, strict=True)
            if moves and file in found}  # fmt: skip
     contradicted = np.isin(files, list(off))

@@ -1,6 +1,6 @@
 """Masks of a video's frames: a video of masks, or a numbered picture for each frame."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -22,29 +22,33 @@ from gaussray.runtime.output import first_of
 MASK_FOLDERS = (MASK_FOLDER, "mask")
 
 
-def masks_of_video(source: Source) -> Path | None:
+def masks_of_video(source: Source, ours: Collection[Path] = ()) -> Path | None:
     """The video or the folder of a video's masks; None if there is none.
 
     Those of `cam0.mp4` are `masks/cam0.mp4`, `cam0_mask.mp4` or the pictures in `masks/cam0/`; of a
     video that is alone in its folder also the pictures in `masks/`. The folder `masks/` (or
-    `mask/`) is beside the video or one further up.
+    `mask/`) is beside the video or one further up; there, masks have the name of the camera, which
+    is that of the video's folder if it has one of its own.
 
     Args:
         source: a camera that is a video.
+        ours: masks that an earlier run has written (`recorded_masks`), which are none of the input.
 
     Raises:
         PrepareError: There are several.
     """
-    home, names = source.path.parent, {source.path.stem.lower(), source.name.lower()}
+    home, camera = source.path.parent, {source.name.lower()}
+    names = {source.path.stem.lower(), *camera}
     beside = [path for path in files_in(home, VIDEO_SUFFIXES) if path not in camera_videos(home)]
     found = [path for path in beside if MASK_MARK.sub("", path.stem.lower()) in names]
     places = [up / name for up in (home, home.parent) for name in MASK_FOLDERS]
     for place in (place for place in places if place.is_dir()):
+        called = names if place.parent == home else camera
         videos = files_in(place, VIDEO_SUFFIXES)
-        found += [path for path in videos if MASK_MARK.sub("", path.stem.lower()) in names]
-        found += _with_pictures(place / source.name)
+        found += [path for path in videos if MASK_MARK.sub("", path.stem.lower()) in called]
+        found += _with_pictures(place / source.name, ours)
     if len(camera_videos(home)) == 1:
-        found += [one for name in MASK_FOLDERS for one in _with_pictures(home / name)]
+        found += [one for name in MASK_FOLDERS for one in _with_pictures(home / name, ours)]
     if len(found) > 1:
         raise PrepareError(
             f"{source.path}: must have one video or folder of masks, got "
@@ -106,5 +110,7 @@ def _refuse(source: Source, masks: Path, rule: str, got: tuple[int, ...]) -> Non
     )
 
 
-def _with_pictures(folder: Path) -> list[Path]:
-    return [folder] if folder.is_dir() and files_in(folder, PHOTOGRAPH_SUFFIXES) else []
+def _with_pictures(folder: Path, ours: Collection[Path]) -> list[Path]:
+    """The folder, if it holds pictures that no earlier run has written."""
+    pictures = files_in(folder, PHOTOGRAPH_SUFFIXES) if folder.is_dir() else []
+    return [folder] if any(path.resolve() not in ours for path in pictures) else []

@@ -76,7 +76,8 @@ def with_motion(session: Session, state: State, progress: RunProgress) -> tuple[
     if fit.control and (session.has_videos or session.still_first):
         control = from_primary(_control_points(session, clouds, moved))
     if control is not None and session.still_first:
-        parameters, progress = _with_followers(session, parameters, clouds[0], progress)
+        most = motion_budget(session, None if moved is None else moved.tile_counts()).moving
+        parameters, progress = _with_followers(session, parameters, clouds[0], progress, most=most)
     if fit.deforms:
         deformation = first_deformation(session, parameters, progress, control)
     if fit.transient:
@@ -182,13 +183,18 @@ def _control_points_at_rest(session: Session, moving: Unconstrained) -> ControlP
 
 
 def _with_followers(
-    session: Session, parameters: Parameters, cloud: MovingPoints, progress: RunProgress
+    session: Session,
+    parameters: Parameters,
+    cloud: MovingPoints,
+    progress: RunProgress,
+    *,
+    most: int,
 ) -> tuple[Parameters, RunProgress]:
     """The parameters with Gaussians on the moving points of the first time, which will follow
-    control points; with rows for those that density control may add."""
+    control points; with rows for those that density control may add, at most so many."""
     fit, density, found = session.options.fit, session.options.density, cloud.points
     near = np.flatnonzero(inliers(found.position, STRAY))
-    most = density.gaussians // _FOLLOWERS
+    most = min(density.gaussians // _FOLLOWERS, most)
     chosen = near[thinned(len(near), count=most, seed=fit.seed)]
     gaussians = on_points(
         found.position[chosen],
@@ -220,7 +226,7 @@ def first_transients(
     first = initial_transients(
         clouds,
         starting_times(session.times, fit.instants),
-        count=min(density.gaussians // 2, most),
+        count=min(density.gaussians, most) // 2,
         degree=fit.degree,
         seed=fit.seed,
     )

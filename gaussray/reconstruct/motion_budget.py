@@ -14,7 +14,7 @@ from gaussray.reconstruct.session import Session
 # (experiments/captures/log.md).
 _PIXELS_TRANSIENT, _PIXELS_SHARED = 4, 1
 # The least budget of each kind.
-_FEWEST = 10_000
+_FEWEST = 20_000
 
 
 class MotionBudget(NamedTuple):

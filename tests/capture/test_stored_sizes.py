@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from gaussray.capture.errors import CaptureError, CaptureWarning
+from gaussray.capture.formats.paired import read_capture
 from gaussray.capture.frames import read_encoded
 from gaussray.capture.open import open_capture
 from gaussray.capture.selection import Selection
+from gaussray.capture.stored_sizes import at_stored_sizes
 from gaussray.dataset.images import write_image
 
 
@@ -63,6 +65,31 @@ def test_the_first_picture_that_is_there_tells(tmp_path):
         (view,) = open_capture(tmp_path).views
     assert any("pictures are 24 x 17 where" in str(one.message) for one in told)
     assert read_encoded(view).shape == (17, 24, 3)
+
+
+@pytest.mark.parametrize("bad", [None, b"no picture"])
+def test_what_cannot_be_read_has_the_one_size_of_its_neighbours(tmp_path, bad):
+    picture = lay(tmp_path, (24, 17), (24, 17), (24, 17)) / "1.png"
+    picture.unlink()
+    if bad is not None:
+        picture.write_bytes(bad)
+    with pytest.warns(CaptureWarning, match="pictures are 24 x 17 where"):
+        views = at_stored_sizes(read_capture(tmp_path)).views
+    assert [(view.width, view.height) for view in views] == 3 * [(24, 17)]
+    assert len({id(view.camera.lens) for view in views}) == 1
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        kept = open_capture(tmp_path).views
+    # What is absent is left out later, and what cannot be read is not.
+    assert [view.image.name for view in kept] == [f"{k}.png" for k in range(3) if bad or k != 1]
+    assert {(view.width, view.height) for view in kept} == {(24, 17)}
+
+
+def test_among_several_sizes_what_cannot_be_read_has_the_size_that_the_file_says(tmp_path):
+    (lay(tmp_path, (24, 17), (W, H), (24, 17)) / "2.png").write_bytes(b"no picture")
+    with pytest.warns(CaptureWarning, match="1 of 2 pictures are 24 x 17 where"):
+        views = open_capture(tmp_path).views
+    assert [(view.width, view.height) for view in views] == [(24, 17), (W, H), (W, H)]
 
 
 @pytest.mark.filterwarnings("ignore:.*the pictures are 24 x 17")

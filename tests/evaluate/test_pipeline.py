@@ -10,6 +10,7 @@ from gaussray.camera.lens import Pinhole
 from gaussray.capture.formats.paired import read_capture
 from gaussray.capture.frames import read_encoded
 from gaussray.dataset.images import write_image
+from gaussray.evaluate import pipeline
 from gaussray.evaluate.masks import visible_mask
 from gaussray.evaluate.options import EvaluateOptions
 from gaussray.evaluate.pipeline import evaluate
@@ -63,3 +64,24 @@ def test_pixels_that_a_pinhole_lens_leaves_without_a_ray_do_not_count(capture, t
     assert before["psnr"] == pytest.approx(before["psnr_masked"], abs=CLOSE)
     assert before["ssim"] == pytest.approx(before["ssim_masked"], abs=CLOSE)
     assert np.isfinite(before["psnr"])
+
+
+def test_ssim_is_the_same_whether_a_corner_has_a_ray_or_not(capture, tmp_path, monkeypatch):
+    """The corner and the rim around it lie in the border that SSIM leaves out."""
+
+    def lacking(count):
+        def visible(camera):
+            mask = np.ones((camera.film.height, camera.film.width), bool)
+            mask[:count, :count] = False
+            return mask if count else None
+
+        return visible
+
+    found = {}
+    for count in (0, 2, 7):
+        monkeypatch.setattr(pipeline, "visible_mask", lacking(count))
+        found[count] = scores(capture, tmp_path / str(count))
+    assert found[2]["ssim"] == pytest.approx(found[0]["ssim"], abs=CLOSE)
+    assert found[2]["ssim_masked"] == pytest.approx(found[0]["ssim"], abs=CLOSE)
+    # One that reaches further in does count.
+    assert found[7]["ssim"] != pytest.approx(found[0]["ssim"], abs=CLOSE)

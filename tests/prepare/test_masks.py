@@ -10,7 +10,8 @@ from gaussray.capture.frames import visible_pixels
 from gaussray.capture.open import open_capture
 from gaussray.dataset.images import write_image
 from gaussray.prepare.errors import PrepareError
-from gaussray.prepare.masks import copy_masks, marked_masks, mask_of, written_mask
+from gaussray.prepare.mask_names import marked_masks, mask_of
+from gaussray.prepare.masks import copy_masks, written_mask
 from gaussray.prepare.media import copy_media
 from gaussray.prepare.options import FramesOptions, SyncOptions
 from gaussray.prepare.sources import find_sources

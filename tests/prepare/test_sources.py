@@ -12,7 +12,7 @@ from gaussray.capture.errors import CaptureWarning
 from gaussray.capture.side_folders import are_other_maps
 from gaussray.dataset.images import write_image
 from gaussray.prepare.errors import PrepareError
-from gaussray.prepare.masks import mask_of
+from gaussray.prepare.mask_names import mask_of
 from gaussray.prepare.motion import motion_energy
 from gaussray.prepare.names_of_cameras import camera_in_name, pictures_by_camera
 from gaussray.prepare.sources import find_sources

@@ -12,7 +12,7 @@ from gaussray.capture.frames import visible_pixels
 from gaussray.capture.open import open_capture
 from gaussray.dataset.images import write_image
 from gaussray.prepare.errors import PrepareError
-from gaussray.prepare.masks import copy_masks, written_mask
+from gaussray.prepare.masks import check_masks, copy_masks, written_mask
 from gaussray.prepare.media import copy_media
 from gaussray.prepare.options import FramesOptions, SyncOptions
 from gaussray.prepare.sources import find_sources
@@ -233,3 +233,61 @@ def test_prepare_seeks_features_in_what_is_white(tmp_path, painted):
         shown = visible_pixels(view)
         quarter = shown.shape[1] // 4
         assert not shown[:, : quarter - 1].any() and shown[:, quarter + 1 :].all()
+
+
+def kept_bytes(folder):
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.mark.filterwarnings(OTHER_FOLDER)
+def test_masks_in_the_folder_that_is_written_are_refused_and_kept(tmp_path):
+    write_videos(tmp_path / "videos")
+    write_masks(tmp_path / "masks/cam0", masks())
+    before = kept_bytes(tmp_path)
+    sources = find_sources(tmp_path / "videos")
+    with pytest.raises(PrepareError, match="masks/cam0: the masks of .*cam0.mp4 must not lie in"):
+        check_masks(sources, tmp_path)
+    assert kept_bytes(tmp_path) == before
+    with pytest.raises(PrepareError, match="must not lie in the folder that is written"):
+        copied(tmp_path / "videos", tmp_path)
+    assert before.items() <= kept_bytes(tmp_path).items()
+    check_masks(sources, tmp_path / "out")
+
+
+@pytest.mark.filterwarnings(OTHER_FOLDER)
+def test_nothing_is_lost_where_masks_do_not_fit(tmp_path):
+    write_videos(tmp_path / "in")
+    write_masks(tmp_path / "in/masks/cam0.mp4", masks())
+    assert white_columns(copied(tmp_path / "in", tmp_path / "out")["cam0"]) == EACH
+    mine = tmp_path / "out/masks/cam1/0002.png"
+    write_image(mine, masks()[5])
+    before = mine.read_bytes()
+    write_masks(tmp_path / "in/masks/cam1.mp4", masks())
+    with pytest.raises(PrepareError, match="0002.png: is a mask that no earlier run is known to"):
+        copied(tmp_path / "in", tmp_path / "out")
+    assert mine.read_bytes() == before
+    (tmp_path / "in/masks/cam1.mp4").unlink()
+    files = copied(tmp_path / "in", tmp_path / "out")
+    assert mine.read_bytes() == before and white_columns(files["cam0"]) == EACH
+    assert white_columns(files["cam1"]) == [None, None, 40, None, None, None]
+
+
+@pytest.mark.filterwarnings(OTHER_FOLDER)
+def test_a_second_run_into_the_folder_above_finds_the_same_masks(tmp_path):
+    write_videos(tmp_path / "videos")
+    write_masks(tmp_path / "masks/cam0.mp4", masks())
+    for _ in range(2):
+        assert white_columns(copied(tmp_path / "videos", tmp_path)["cam0"]) == EACH
+    (tmp_path / "masks/cam0.mp4").unlink()
+    assert white_columns(copied(tmp_path / "videos", tmp_path)["cam0"]) == [None] * COUNT
+
+
+@pytest.mark.filterwarnings(OTHER_FOLDER)
+def test_masks_one_further_up_have_the_name_of_the_camera(tmp_path):
+    write_videos(tmp_path / "in", ("cam01/video", "cam02/video"))
+    write_masks(tmp_path / "in/masks/video.mp4", masks())
+    files = copied(tmp_path / "in", tmp_path / "out")
+    assert {one for own in files.values() for one in white_columns(own)} == {None}
+    write_masks(tmp_path / "in/cam01/masks/video.mp4", masks())
+    files = copied(tmp_path / "in", tmp_path / "out")
+    assert white_columns(files["cam01"]) == EACH and set(white_columns(files["cam02"])) == {None}

@@ -7,11 +7,14 @@ import pytest
 import toy
 
 from gaussray.capture.formats.paired import read_capture
-from gaussray.reconstruct import motion_budget as module
+from gaussray.reconstruct import motion, motion_budget as module
 from gaussray.reconstruct.data.segments import segments
+from gaussray.reconstruct.initialize.stereo.from_pictures import MovingPoints
+from gaussray.reconstruct.initialize.stereo.points import StereoPoints
 from gaussray.reconstruct.log import RunLog
-from gaussray.reconstruct.motion_budget import motion_budget
+from gaussray.reconstruct.motion_budget import MotionBudget, motion_budget
 from gaussray.reconstruct.optimize.density import DensityOptions
+from gaussray.reconstruct.optimize.rows import occupied
 from gaussray.reconstruct.session import Session
 
 
@@ -65,3 +68,14 @@ def test_pictures_that_are_alone_at_their_viewpoint_say_nothing(capture, tmp_pat
 
 def test_without_what_tells_there_is_no_budget_of_its_own(capture, tmp_path):
     assert motion_budget(session(capture, tmp_path, motion="from_rest"), None) == (MOST, MOST)
+
+
+def test_transient_gaussians_begin_with_half_of_their_budget(capture, tmp_path, monkeypatch):
+    monkeypatch.setattr(motion, "motion_budget", lambda *_: MotionBudget(64, 64))
+    place = np.random.default_rng(1).normal(size=(60, 3)).astype(np.float32)
+    one = np.ones(60, np.float32)
+    points = StereoPoints(place, np.zeros_like(place), np.full_like(place, 0.5), one, one, one)
+    fit = session(capture, tmp_path)
+    clouds = [MovingPoints(points, float(t), np.zeros_like(place), one) for t in fit.times[:2]]
+    found = motion.first_transients(fit, clouds, None)
+    assert len(found.mean) == 64 and int(occupied(found).sum()) == 32

@@ -26,7 +26,7 @@ def of_opening(aperture: Aperture, origin: np.ndarray, focus: np.ndarray) -> np.
     radius, ratio = float(aperture.radius), float(aperture.ratio)
     x, y = origin[:, 0] * ratio / radius, -origin[:, 1] / radius
     angle = np.arctan2(y, x)
-    if aperture.blades < 3:
+    if aperture.blades == 0:
         return square(np.hypot(x, y), angle / (2 * np.pi))
     # The edge that the point lies behind, its share of the way to it and along it.
     count, rotation = aperture.blades, float(aperture.rotation)

@@ -53,17 +53,18 @@ def euroc_near_miss(folder: Path) -> str:
     """What a folder with a camera or a trajectory of EuRoC's lacks; empty if it has neither, or
     lacks nothing."""
     home = _home(folder)
-    table = next((home / name / _TABLE for name in _TRAJECTORIES if (home / name).is_dir()), None)
+    tables = (home / name / _TABLE for name in _TRAJECTORIES)
+    table = next((path for path in tables if path.is_file()), None)
     sensor = min(home.glob(f"{_CAMERAS}/{SENSOR_FILE}"), default=None)
     found = sensor or table
-    if found is None or not found.is_file() or euroc_file(folder) is not None:
+    if found is None or euroc_file(folder) is not None:
         return ""
     where = home.relative_to(folder)
     lacking = []
     if not any((path / "data").is_dir() for path in home.glob(_CAMERAS)):
         camera = sensor.parent.name if sensor else "cam0"
         lacking.append(f"pictures in {where / camera / 'data'}/, named by nanoseconds")
-    if table is None or not table.is_file():
+    if table is None:
         others = " or ".join(f"{name}/" for name in _TRAJECTORIES[1:])
         lacking.append(f"the trajectory {where / _TRAJECTORIES[0] / _TABLE} (or in {others})")
     needs = " and ".join(lacking)

@@ -22,6 +22,7 @@ from gaussray.capture.formats.number_files import (
 from gaussray.capture.formats.picture_folder import only_picture_folder
 from gaussray.capture.formats.picture_places import KNOWN_SUFFIXES
 from gaussray.capture.formats.posed_pictures import PosedPicture, posed_capture
+from gaussray.capture.formats.sfm_project import head_of
 from gaussray.io.natural_order import natural_order
 from gaussray.io.safe.files import read_text
 
@@ -33,7 +34,8 @@ _PAIRS = (
     {"image_0": 0, "image_1": 1},
     {"image_l": 0, "image_r": 1},
 )
-# Without them, the pictures of one camera are in this folder, or in the only one of pictures.
+# Without them, and beside a projection, the pictures of one camera are in this folder, or in the
+# only one of pictures.
 _FOLDER = "images"
 _POSES_FILE, KITTI_CALIBRATION, _TIMES_FILE = "poses.txt", "calib.txt", "times.txt"
 _OTHER_POSES = ("ground_truth.txt", "groundtruth.txt")
@@ -56,7 +58,7 @@ def kitti_file(folder: Path) -> Path | None:
 
     It is `poses.txt`, `NN.txt`, or `poses/NN.txt` beside `sequences/`, where NN is the name of the
     folder, else `ground_truth.txt`. Beside a calibration, the only other text of twelve columns
-    will do.
+    will do. Pictures in another folder than KITTI's own need a projection in the calibration.
     """
     if not _cameras(folder):
         return None
@@ -75,25 +77,57 @@ def kitti_near_miss(folder: Path) -> str:
     lacking = []
     if not known and len(others) > 1:
         lacking.append(f"one file of poses, to be called {_POSES_FILE}")
-    if not (folder / KITTI_CALIBRATION).is_file():
+    cameras, calibration = _picture_folders(folder), folder / KITTI_CALIBRATION
+    if not (calibration.is_file() if has_kitti_folders(folder) else _has_projection(calibration)):
         lacking.append(f"{KITTI_CALIBRATION} with projections (P0: and twelve numbers)")
-    if not _cameras(folder):
+    if not cameras:
         lacking.append(f"pictures in image_2/, image_0/, image_l/ or {_FOLDER}/")
     needs = " and ".join(lacking)
     first = [*known, *others][0].name
     return f"{first} has twelve numbers a line, as poses of KITTI have. It needs {needs}."
 
 
-def _cameras(folder: Path) -> dict[str, int | None]:
+def has_kitti_folders(folder: Path) -> bool:
+    """Whether a folder has KITTI's own folders of pictures, such as `image_2/`."""
+    return bool(_pair(folder))
+
+
+def _pair(folder: Path) -> dict[str, int]:
+    """The first of KITTI's pairs of folders that is there, with the numbers of its projections."""
+    there = (pair for pair in _PAIRS if any((folder / name).is_dir() for name in pair))
+    return dict(next(there, {}))
+
+
+def _picture_folders(folder: Path) -> dict[str, int | None]:
     """The folders of pictures with the numbers of their projections; None is the first one of the
     calibration."""
-    for pair in _PAIRS:
-        if any((folder / name).is_dir() for name in pair):
-            return dict(pair)
-    if not (folder / KITTI_CALIBRATION).is_file():
-        return {}
+    if pair := _pair(folder):
+        return {**pair}
     place = only_picture_folder(folder, (_FOLDER,))
     return {} if place is None else {place.name: None}
+
+
+def _cameras(folder: Path) -> dict[str, int | None]:
+    """Those folders of pictures; of one of another name than KITTI's only a projection tells that
+    it is one of its cameras."""
+    known = has_kitti_folders(folder) or _has_projection(folder / KITTI_CALIBRATION)
+    return _picture_folders(folder) if known else {}
+
+
+def _has_projection(path: Path) -> bool:
+    """Whether a line of a calibration has twelve numbers, with a label or without."""
+    lines = lines_of(head_of(path)) if path.is_file() else []
+    matches = ((_LABEL.fullmatch(line), line) for _, line in lines)
+    words = ((match[2] if match else line).split() for match, line in matches)
+    return any(len(some) == 12 and all(map(_is_number, some)) for some in words)
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
 
 
 def _poses_files(folder: Path) -> tuple[list[Path], list[Path]]:

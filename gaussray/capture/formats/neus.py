@@ -7,9 +7,9 @@ from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import DTypeLike, Float
-from scipy.linalg import rq
+from jaxtyping import DTypeLike
 
+from gaussray.capture.camera_matrix import SLIGHT_SKEW, matrix_and_rotation
 from gaussray.capture.capture import Capture
 from gaussray.capture.errors import CaptureError
 from gaussray.capture.formats.json_keys import Keys
@@ -24,8 +24,6 @@ from gaussray.io.safe.arrays import read_npz
 # Files of projections, the first of which is read: they differ in the region of the object alone.
 CAMERA_FILES = ("cameras_sphere.npz", "cameras.npz")
 _PICTURES, _MASKS = ("image", "images", "rgb"), "mask"
-# Of the focal length: skew below comes from rounding.
-_SKEW = 1e-3
 
 
 def neus_file(folder: Path) -> Path | None:
@@ -107,8 +105,8 @@ def _camera(path: Path, index: int, arrays: dict[str, np.ndarray]) -> dict[str, 
         raise keys.error(name, rule)
     if np.linalg.det(projection[:, :3]) < 0:
         projection = -projection
-    intrinsics, rotation = _decomposed(projection[:, :3])
-    if abs(intrinsics[0, 1]) > _SKEW * intrinsics[0, 0]:
+    intrinsics, rotation = matrix_and_rotation(projection[:, :3])
+    if abs(intrinsics[0, 1]) > SLIGHT_SKEW * intrinsics[0, 0]:
         raise keys.error(name, rule)
     world_from_camera = np.eye(4)
     world_from_camera[:3, :3] = rotation.T * np.array(BLENDER_AXES)
@@ -118,12 +116,3 @@ def _camera(path: Path, index: int, arrays: dict[str, np.ndarray]) -> dict[str, 
         **{"fl_x": float(intrinsics[0, 0]), "fl_y": float(intrinsics[1, 1])},
         **{"cx": float(intrinsics[0, 2]), "cy": float(intrinsics[1, 2])},
     }
-
-
-def _decomposed(
-    matrix: Float[np.ndarray, "3 3"],
-) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3 3"]]:
-    """Intrinsics, with 1 in the last place, and the rotation of a matrix K R of determinant > 0."""
-    upper, rotation = rq(matrix)
-    signs = np.sign(np.diag(upper))
-    return upper * signs / (upper[2, 2] * signs[2]), signs[:, None] * rotation

@@ -74,7 +74,9 @@ def tum_near_miss(folder: Path) -> str:
     lacking = []
     if path not in known:
         lacking.append(f"the name {TRAJECTORY_FILES[0]}")
-    if not _has_pictures(folder):
+    if not _has_pictures(folder) and _timed_folder(folder) is not None:
+        lacking.append(f"a timestamp and a picture on each line of {_LIST_FILE}, or no such file")
+    elif not _has_pictures(folder):
         lacking.append(
             f"pictures in {' or '.join(f'{name}/' for name in _FOLDERS)} with timestamps for names "
             f"(or {_LIST_FILE} with a timestamp and a picture on each line)"

@@ -12,14 +12,29 @@ from gaussray.prepare.calibrations.kalibr import yaml_content
 from gaussray.prepare.calibrations.known_camera import Calibration
 from gaussray.prepare.calibrations.named_cameras import is_by_value
 from gaussray.prepare.calibrations.opencv_json import is_opencv_camera, read_opencv_camera
+from gaussray.prepare.calibrations.opencv_numbers import numbers_under
+from gaussray.prepare.calibrations.opencv_pose import found_pose
 from gaussray.prepare.calibrations.opencv_storage import is_small_storage, storage_values
 from gaussray.prepare.calibrations.stereo_pair import is_stereo_calibration
+from gaussray.prepare.calibrations.value_names import PROJECTION_NAMES
 from gaussray.prepare.errors import PrepareError
 
 
 def is_camera_file(path: Path) -> bool:
-    """Whether a file holds one camera with its pose, and nothing of others."""
-    return bool(_values(path))
+    """Whether a file holds one camera with its pose, and nothing of others.
+
+    Nothing is refused here: a camera whose values contradict each other is one, and any other file
+    is none.
+    """
+    found = _content(path)
+    try:
+        return is_opencv_camera(plain_camera(path, found))
+    except PrepareError:
+        inner = [found, *(value for value in found.values() if isinstance(value, Mapping))]
+        return any(
+            found_pose(values) is not None or numbers_under(values, PROJECTION_NAMES, (12, 16))
+            for values in inner
+        )
 
 
 def files_by_stem(files: Sequence[Path]) -> dict[str, Path]:
@@ -71,14 +86,14 @@ def read_camera_files(where: str, files: Mapping[str, Path]) -> Calibration:
     Raises:
         PrepareError: The numbers of a file make no camera.
     """
-    values = {name: _values(path) for name, path in files.items()}
+    values = {name: plain_camera(path, _content(path)) for name, path in files.items()}
     cameras = [read_opencv_camera(files[name], name, one) for name, one in values.items()]
     tell_readings(where, list(values.values()))
     return Calibration(cameras)
 
 
-def _values(path: Path) -> dict[str, Any]:
-    """The values of the one camera of a file; empty if it is no such file."""
+def _content(path: Path) -> dict[str, Any]:
+    """What a file that may be of one camera holds; empty if it is no such file."""
     found: Any = None
     try:
         if path.suffix.lower() == ".json":
@@ -93,5 +108,4 @@ def _values(path: Path) -> dict[str, Any]:
             return {}
     except (PrepareError, OSError, ValueError):
         return {}
-    camera = plain_camera(path, found)
-    return camera if is_opencv_camera(camera) else {}
+    return found

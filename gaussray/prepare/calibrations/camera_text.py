@@ -51,13 +51,15 @@ def text_cameras(path: Path) -> dict[str, dict[str, Any]]:
         path: the file (`is_camera_text`).
 
     Raises:
-        PrepareError: A block is incomplete, or a name is there twice.
+        PrepareError: There is no block, one is incomplete, or a name is there twice.
     """
     lines = _lines(path)
+    if not lines:
+        raise PrepareError(f"{path}: must hold the numbers of a camera, got no line. {_REMEDY}")
     result: dict[str, dict[str, Any]] = {}
     place, unnamed = 0, 0
     while place < len(lines):
-        name, count = str(len(result)), 1
+        name = str(len(result))
         if not _starts(lines, place):
             name = " ".join(lines[place][1])
             place += 1
@@ -88,7 +90,7 @@ def text_camera(path: Path) -> dict[str, Any] | None:
         path: the file (`is_camera_text`).
 
     Raises:
-        PrepareError: The block is incomplete.
+        PrepareError: There is no block, or one is incomplete.
     """
     ((name, values), *others) = text_cameras(path).items()
     return None if others or name.lower() not in ("0", *_HEADERS) else values

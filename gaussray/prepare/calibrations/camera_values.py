@@ -9,7 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from gaussray.prepare.calibrations.distortions import OPENCV_ORDER, distortion_in
+from gaussray.prepare.calibrations.distortions import (
+    OPENCV_ORDER,
+    distortion_in,
+    distortions_in,
+    overruled_coefficients,
+)
 from gaussray.prepare.calibrations.opencv_numbers import (
     agreed_numbers,
     finite_numbers,
@@ -20,6 +25,7 @@ from gaussray.prepare.calibrations.opencv_pose import POSE_NAMES, found_pose, sa
 from gaussray.prepare.calibrations.projections import split_projection
 from gaussray.prepare.calibrations.value_names import PROJECTION_NAMES, VALUE_NAMES, plain_key
 from gaussray.prepare.errors import PrepareError
+from gaussray.runtime.output import first_of
 from gaussray.runtime.progress import say
 
 
@@ -36,6 +42,8 @@ _BLOCKS = {
 # Focal lengths and principal point under keys of their own.
 _APART = ("fx", "fy", "cx", "cy")
 _OTHER_APART = {"ppx": "cx", "ppy": "cy"}
+# Those beside a matrix may be rounded: they differ from it by at most so many pixels, or this part.
+_ROUNDED, _ROUNDED_PART = 1.0, 1e-3
 _KNOWN = {
     *(name for names in VALUE_NAMES.values() for name in names),
     *(*POSE_NAMES, *PROJECTION_NAMES, *OPENCV_ORDER, *_APART, *_OTHER_APART),
@@ -56,7 +64,7 @@ def plain_camera(where: object, values: Mapping[str, Any]) -> dict[str, Any]:
     """
     result: dict[str, Any] = {}
     for key, value in values.items():
-        renamed = _BLOCKS.get(plain_key(key)) if _is_block(value) else None
+        renamed = _BLOCKS.get(plain_key(key)) if _is_block(key, value) else None
         if renamed is None:
             _put(where, result, key, value)
             continue
@@ -74,12 +82,22 @@ def plain_camera(where: object, values: Mapping[str, Any]) -> dict[str, Any]:
     return result
 
 
-def _is_block(value: Any) -> bool:
+def _is_block(key: object, value: Any) -> bool:
     """Whether a value is an object of values: no matrix, and no camera, which may be called d."""
-    return (
-        isinstance(value, Mapping)
-        and "data" not in value
-        and not (has_matrix(value) and found_pose(value) is not None)
+    if not isinstance(value, Mapping) or "data" in value:
+        return False
+    lens, pose = _has_lens(value), found_pose(value) is not None
+    if plain_key(key) in VALUE_NAMES["distortion"]:
+        return not lens and not pose and bool(distortions_in(value))
+    return not (lens and pose)
+
+
+def _has_lens(value: Any) -> bool:
+    """Whether a value is an object with a matrix, focal lengths or a projection of its own."""
+    return isinstance(value, Mapping) and (
+        has_matrix(value)
+        or {"fx", "fy"} <= set(map(plain_key, value))
+        or numbers_under(value, PROJECTION_NAMES, (12, 16)) is not None
     )
 
 
@@ -116,13 +134,21 @@ def tell_readings(where: object, cameras: Sequence[Mapping[str, Any]]) -> None:
 
 
 def tell_few_coefficients(where: object, cameras: Iterable[Mapping[str, Any]]) -> None:
-    """Print how one or two distortion coefficients are taken.
+    """Print how one or two distortion coefficients are taken, and what is not used, because the
+    matrix or the list of coefficients says the same with more digits.
 
     Args:
         where: the file or folder.
         cameras: values of each camera that is read (`plain_camera`).
     """
+    cameras = list(cameras)
     counts = {len(distortion_in(str(where), camera)) for camera in cameras}
+    overruled = [key for camera in cameras for key in _overruled(where, camera)]
+    if overruled:
+        say(
+            f"{where}: {first_of(list(dict.fromkeys(overruled)))} beside the matrix or the list of "
+            "coefficients differ from it, or are not read; the matrix and the list are taken."
+        )
     if 1 in counts:
         say(f"{where}: a single distortion coefficient is taken as k1; the others are 0.")
     if 2 in counts:
@@ -131,6 +157,16 @@ def tell_few_coefficients(where: object, cameras: Iterable[Mapping[str, Any]]) -
 
 def _projection_key(camera: Mapping[str, Any]) -> str:
     return next((str(key) for key in camera if plain_key(key) in PROJECTION_NAMES), "")
+
+
+def _overruled(where: object, camera: Mapping[str, Any]) -> list[str]:
+    """Keys of rounded values beside the matrix or the list of coefficients, which are taken."""
+    focal, found = _focal_numbers(where, camera), overruled_coefficients(str(where), camera)
+    matrix = numbers_under(camera, VALUE_NAMES["matrix"], (9,))
+    if focal is None or matrix is None or np.allclose(focal.ravel(), matrix[1], rtol=1e-9):
+        return found
+    names = (*_APART, *_OTHER_APART, "skew")
+    return [*(str(key) for key in camera if plain_key(key) in names), *found]
 
 
 def _put(where: object, values: dict[str, Any], key: str, value: Any) -> None:
@@ -144,12 +180,12 @@ def _put(where: object, values: dict[str, Any], key: str, value: Any) -> None:
 
 
 def _add_matrix(where: object, values: dict[str, Any], matrix: np.ndarray) -> None:
-    """Add the matrix of fx fy cx cy; refuse it if there is another one."""
+    """Add the matrix of fx fy cx cy; refuse it if there is another one, but for rounding."""
     if not has_matrix(values):
         values["K"] = matrix
         return
     said = agreed_numbers(str(where), values, "matrix", (9,)).reshape(3, 3)
-    if not np.allclose(said, matrix):
+    if not np.all(np.abs(said - matrix) <= np.maximum(_ROUNDED, _ROUNDED_PART * np.abs(said))):
         raise PrepareError(
             f"{where}: fx, fy, cx and cy must not differ from the matrix {said.tolist()}, got "
             f"{matrix.tolist()}. Keep one of them."

@@ -1,5 +1,6 @@
 """The coefficients of distortion among the values of a camera."""
 
+import decimal
 import re
 from collections.abc import Mapping
 from typing import Any
@@ -61,7 +62,8 @@ def common_distortions(values: Mapping[str, Any]) -> dict[str, Any]:
 def distortion_in(where: str, values: Mapping[str, Any]) -> Float[np.ndarray, " n"]:
     """OpenCV's coefficients among the values of a camera; empty if it has none.
 
-    They are one list, or have a key each (`k1`).
+    They are one list, or have a key each (`k1`). Beside a list a key may say the same with fewer
+    digits, and others are not read (`overruled_coefficients`).
 
     Args:
         where: the file, and the camera in it, for messages.
@@ -79,21 +81,71 @@ def distortion_in(where: str, values: Mapping[str, Any]) -> Float[np.ndarray, " 
     }
     _refuse_unclear(where, listed)
     found = agreed_numbers(where, listed, "distortion", _COUNTS)
-    apart = {key: plain_value(value) for key, value in values.items() if _is_apart(key)}
-    apart = {key: value for key, value in apart.items() if _is_not_zero(value)}
+    apart = _apart(values)
     if not apart:
         return found
     if not len(found):
         return _in_order(where, values, apart)
-    order = _FISHEYE_ORDER if is_fisheye(where, values) else OPENCV_ORDER
-    said: dict[str, float] = dict(zip(order, found.tolist(), strict=False))
+    said = _by_name(where, values, found)
     for key, value in apart.items():
-        if said.get(plain_key(key), value) != value:
+        if plain_key(key) in OPENCV_ORDER and not _is_rounded(value, said.get(plain_key(key), 0.0)):
             raise PrepareError(
                 f"{where}: {key} must not differ from the listed coefficients {found.tolist()}, "
                 f"got {str(value)[:80]}. Keep one of them."
             )
     return found
+
+
+def overruled_coefficients(where: str, values: Mapping[str, Any]) -> list[str]:
+    """The keys beside a list of coefficients that are not read: they say the same with fewer
+    digits, or under names of others (`radial`).
+
+    Args:
+        where: the file, and the camera in it, for messages.
+        values: values by key of a camera (`distortion_in`).
+    """
+    if not any(_is_listed(key) for key in values):
+        return []
+    found = distortion_in(where, {key: value for key, value in values.items() if _is_listed(key)})
+    if not len(found):
+        return []
+    said = _by_name(where, values, found)
+    return [key for key, value in _apart(values).items()
+            if plain_key(key) not in said or said[plain_key(key)] != _as_number(value)]  # fmt: skip
+
+
+def _apart(values: Mapping[str, Any]) -> dict[str, Any]:
+    """The values of distortion that have a key each, but for zeros."""
+    apart = {str(key): plain_value(value) for key, value in values.items() if _is_apart(key)}
+    return {key: value for key, value in apart.items() if _is_not_zero(value)}
+
+
+def _by_name(
+    where: str, values: Mapping[str, Any], found: Float[np.ndarray, " n"]
+) -> dict[str, float]:
+    """The listed coefficients by their names."""
+    order = _FISHEYE_ORDER if is_fisheye(where, values) else OPENCV_ORDER
+    return dict(zip(order, found.tolist(), strict=False))
+
+
+def _as_number(value: Any) -> float | None:
+    """The number of a value; None if it is no single number."""
+    try:
+        return float(finite_numbers(value, (1,))[0])
+    except ValueError:
+        return None
+
+
+def _is_rounded(value: Any, exact: float) -> bool:
+    """Whether a value is a number, and one of both is the other one with fewer digits."""
+    number = _as_number(value)
+    if number is None:
+        return False
+    # A zero has no digits that could be rounded.
+    if not number or not exact:
+        return number == exact
+    places = [decimal.Decimal(repr(x)).as_tuple().exponent for x in (number, exact)]
+    return abs(number - exact) <= 0.5 * 10.0 ** max(map(int, places)) * (1 + 1e-9)
 
 
 def _in_order(

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from gaussray.capture.camera_matrix import SLIGHT_SKEW
 from gaussray.prepare.calibrations.distortions import OPENCV_ORDER
 from gaussray.prepare.calibrations.opencv_numbers import ORTHONORMAL
 from gaussray.prepare.errors import PrepareError
@@ -27,8 +28,6 @@ JSON_RECIPE = (
 )
 # The last row of a camera matrix may differ from (0, 0, 1) by this, where text has few digits.
 _LAST_ROW = 1e-3
-# Skew is left out up to this part of the focal length, as rounding makes it.
-SLIGHT_SKEW = 1e-3
 # Larger numbers make no camera, and their squares may overflow.
 _HUGE = 1e12
 # Most columns and rows of a picture.
@@ -124,7 +123,7 @@ def opencv_camera(
         raise PrepareError(
             f"{where}: the matrix of camera {name} must have no skew, got {matrix[0, 1]:.4g} "
             f"pixels beside a focal length of {matrix[0, 0]:.4g}. Calibrate without "
-            "skew: no lens model here has it."
+            f"skew: no lens model here has it. {skew_remedy(matrix, size[1])}."
         )
     if any(size) and not all(1 <= side <= _MOST and side == int(side) for side in size):
         raise PrepareError(
@@ -155,6 +154,21 @@ def opencv_camera(
         lens = {key: value for key, value in lens.items() if key not in OPENCV_ORDER[4:]}
         lens["camera_model"] = "OPENCV"
     return KnownCamera(name, lens, pose)
+
+
+def skew_remedy(matrix: Float[np.ndarray, "3 3"], height: float = 0) -> str:
+    """What to do about a camera matrix with skew, with the pixels that a 0 in its place costs.
+
+    Args:
+        matrix: the camera matrix.
+        height: rows of the picture; 0 if they are not known.
+    """
+    farthest = max(matrix[1, 2], height - matrix[1, 2])
+    pixels = abs(matrix[0, 1]) * farthest / matrix[1, 1]
+    return (
+        f"Or write 0 in its place, if {pixels:.2g} pixels at the upper and lower border of the "
+        "picture do not matter"
+    )
 
 
 def refuse_distortion(where: object, name: object, keys: Collection[object]) -> None:

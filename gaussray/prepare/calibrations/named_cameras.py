@@ -41,8 +41,10 @@ def named_cameras(path: Path, content: Any) -> dict[str, dict[str, Any]]:
 
 def is_by_value(content: Any) -> bool:
     """Whether an object has an object for each value, with that of each camera by its name; two of
-    these share a name."""
+    these share a name. Objects that have a lens each are cameras, one of which may be called K."""
     blocks = _blocks(content)
+    if all(_has_lens("", block) for block in blocks.values()):
+        return False
     lenses = [block for key, block in blocks.items() if plain_key(key) in VALUE_NAMES["matrix"]]
     return any(
         name in other and plain_key(name) != "matrix" and _has_lens("K", value)

@@ -28,6 +28,8 @@ def finite_numbers(value: Any, counts: Sequence[int]) -> Float[np.ndarray, " n"]
             after the key: "must be 9 finite numbers, got 6".
     """
     wanted = f"must be {' or '.join(map(str, counts))} finite numbers"
+    if tuple(counts) == (1,):
+        wanted = "must be a finite number"
     if isinstance(value, bool | np.bool_):
         raise ValueError(f"{wanted}, got {value}")
     if isinstance(value, np.ndarray) and value.dtype.kind not in "fiu":

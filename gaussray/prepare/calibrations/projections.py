@@ -2,9 +2,9 @@
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import rq
 
-from gaussray.prepare.calibrations.known_camera import SLIGHT_SKEW
+from gaussray.capture.camera_matrix import SLIGHT_SKEW, matrix_and_rotation
+from gaussray.prepare.calibrations.known_camera import skew_remedy
 from gaussray.prepare.calibrations.opencv_numbers import ORTHONORMAL
 from gaussray.prepare.errors import PrepareError
 
@@ -54,15 +54,12 @@ def split_projection(
             f"{where}: {key} must be a projection K [R | t] to pixels, got a rotation and a "
             "translation without K. Write K beside it, and call it RT (world to camera)."
         )
-    upper, rotation = rq(square)
-    signs = np.sign(np.diag(upper))
-    upper, rotation = upper * signs, signs[:, None] * rotation
-    shift = np.linalg.solve(upper, matrix[:3, 3])
-    intrinsics = upper / upper[2, 2]
+    intrinsics, rotation = matrix_and_rotation(square)
+    shift = rotation @ np.linalg.solve(square, matrix[:3, 3])
     if abs(intrinsics[0, 1]) > SLIGHT_SKEW * intrinsics[0, 0]:
         raise PrepareError(
             f"{where}: {key} must be a projection without skew, got {intrinsics[0, 1]:.4g} pixels "
-            f"beside focal lengths of {intrinsics[0, 0]:.4g} and {intrinsics[1, 1]:.4g}. Calibrate "
-            "without skew."
+            f"beside focal lengths of {intrinsics[0, 0]:.4g} and {intrinsics[1, 1]:.4g}. "
+            f"Calibrate without skew. {skew_remedy(intrinsics)} (then write K, R and t instead)."
         )
     return intrinsics, np.column_stack([rotation, shift])

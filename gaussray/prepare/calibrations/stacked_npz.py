@@ -50,22 +50,35 @@ def camera_stack(values: Mapping[str, np.ndarray]) -> str | None:
     return None
 
 
-def with_stacked_projections(values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+def with_stacked_projections(path: Path, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """The arrays of a file, those of projections of one camera each (`P1`, `proj_left`) as one
     array with the cameras' names.
 
     Args:
+        path: the file, for messages.
         values: arrays by key.
+
+    Raises:
+        PrepareError: Two of them are of one camera.
     """
-    found = {
-        match[1] or match[2]: (key, values[key])
-        for key in values
-        if (match := _OF_ONE.fullmatch(key)) and values[key].shape in _PROJECTIONS
-    }
+    found: dict[str, tuple[str, np.ndarray]] = {}
+    twice = ""
+    for key in values:
+        match = _OF_ONE.fullmatch(key)
+        if match is None or values[key].shape not in _PROJECTIONS:
+            continue
+        name = match[1] or match[2]
+        if name in found:
+            twice = f"{found[name][0]} and {key}, which are both of camera {name}"
+        found.setdefault(name, (key, values[key]))
     shapes = {value.shape for _, value in found.values()}
     plain = {plain_key(key) for key in values}
     if len(found) < 2 or len(shapes) > 1 or plain & _RECTIFICATION or camera_stack(values):
         return dict(values)
+    if twice:
+        raise PrepareError(
+            f"{path}: must hold one projection of each camera, got {twice}. Remove or rename one."
+        )
     ordered = sorted(found, key=lambda name: name.zfill(9) if name.isdecimal() else name)
     kept = {key: values[key] for key in values if key not in {key for key, _ in found.values()}}
     return kept | {"P": np.array([found[name][1] for name in ordered]), "names": np.array(ordered)}
@@ -119,6 +132,7 @@ def stacked_cameras(path: Path, values: Mapping[str, np.ndarray]) -> Calibration
     for key in [key for key in arrays if plain_key(key) in _POSES]:
         arrays.setdefault(_POSES[plain_key(key)], arrays.pop(key))
     _check_single(path, arrays, count)
+    _check_rotations(path, arrays, count)
     parts = [{key: _own(key, one, k, count) for key, one in arrays.items()} for k in range(count)]
     if "fisheye" in path.name.lower() and not labels_in(arrays) and _has_four(parts[0]):
         say(f"{path}: four distortion coefficients are taken as OpenCV's fisheye model.")
@@ -141,6 +155,17 @@ def _check_single(path: Path, arrays: Mapping[str, np.ndarray], count: int) -> N
             raise PrepareError(
                 f"{path}: {key} must be one value, or one for each of the {count} cameras, got "
                 f"{value.size}. Correct or remove it."
+            )
+
+
+def _check_rotations(path: Path, arrays: Mapping[str, np.ndarray], count: int) -> None:
+    """Refuse one 3 x 3 matrix R beside three cameras, which may be a vector of each as well."""
+    for key, value in arrays.items():
+        if plain_key(key) in VALUE_NAMES["rotation"] and count == 3 and value.shape == (3, 3):
+            raise PrepareError(
+                f"{path}: {key} must be 3 x 3 for each of the 3 cameras, got 3 x 3 once, which may "
+                "be the rotation of all or a rotation vector of each. Write 3 x 3 x 3, or call "
+                "vectors rvecs."
             )
 
 

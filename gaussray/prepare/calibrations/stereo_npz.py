@@ -51,7 +51,7 @@ def read_calibration_npz(path: Path) -> Calibration:
             f"{error}. It must be an .npz file of plain numbers (no Python objects). {_REMEDY}"
         ) from None
     if not has_stereo_lenses(values):
-        values = with_stacked_projections(values)
+        values = with_stacked_projections(path, values)
         if camera_stack(values):
             return stacked_cameras(path, values)
     if not has_stereo_lenses(values) and not has_stereo_pose(values):

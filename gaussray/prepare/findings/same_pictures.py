@@ -7,9 +7,10 @@ from gaussray.prepare.findings.pair_distances import EVIDENCE
 from gaussray.prepare.poses import Placement
 
 
-# Matches of the same pictures are at the same place in both, but for so large a share of the width.
-# (Those of a stereo pair on a car are 0.01 to 0.1 apart.)
-_SAME_PLACE = 0.002
+# Such a share of the matches of the same pictures is at the same place in both, but for so large a
+# share of the width. (Those of a stereo pair on a car are 0.01 to 0.1 apart; most of them may be of
+# a background so far away that they are at the same place.)
+_SAME_MATCHES, _SAME_PLACE = 0.9, 0.002
 # Share of the common timestamps at which cameras of the same video show the same picture.
 _SAME_TIMES = 0.8
 
@@ -28,7 +29,8 @@ def same_picture_findings(placement: Placement) -> list[Finding]:
             placement.keypoints[file].xy[rows[:, k]] / placement.pictures[file].size
             for k, file in enumerate(files)
         ]
-        apart = float(np.median(np.linalg.norm(places[1] - places[0], axis=1)))
+        distances = np.linalg.norm(places[1] - places[0], axis=1)
+        apart = float(np.quantile(distances, _SAME_MATCHES))
         names = sorted((first.camera, second.camera))
         same.setdefault((names[0], names[1]), []).append(apart < _SAME_PLACE)
     return [

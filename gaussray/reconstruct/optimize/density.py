@@ -23,6 +23,8 @@ from gaussray.scene.gaussians import Unconstrained
 DENSITY_KINDS = ("split", "relocate")
 # Share of a kind's rows from which on they are doubled where Gaussians are relocated.
 _NEARLY_FULL = 0.9
+# Rows of a kind that may not be doubled are a multiple of this, so that devices share them evenly.
+_STEP = 64
 
 
 class DensityOptions(eqx.Module):
@@ -165,8 +167,8 @@ def relocate_dead(
     most: Mapping[str, int] | None = None,
 ) -> State:
     """Relocation of dead Gaussians, with one budget for all kinds (`relocation.relocate`). The rows
-    of a kind that are nearly full are doubled if the others leave it more of the budget, and there
-    may be as many of the kind.
+    of a kind that are nearly full are doubled if the others leave it more of the budget, as far as
+    there may be so many of the kind.
 
     Args:
         state: the state after a block of steps.
@@ -190,9 +192,11 @@ def relocate_dead(
     changed = {}
     for kind, (gaussians, fresh), own in zip(parts, moved, held, strict=True):
         rows, room = len(fresh), sum(limit) - sum(held) + own
-        fits = most is None or 2 * rows <= most.get(kind, 2 * rows)
-        if own > _NEARLY_FULL * rows and rows < room and fits:
-            rows = 2 * rows
+        wanted = 2 * rows
+        if most is not None and kind in most:
+            wanted = min(wanted, -(-most[kind] // _STEP) * _STEP)
+        if own > _NEARLY_FULL * rows and rows < min(room, wanted):
+            rows = wanted
             gaussians = with_rows(gaussians, rows)
         fresh = np.pad(np.asarray(fresh), (0, rows - len(fresh)))
         changed[kind] = ChangedRows(gaussians, fresh)

@@ -44,9 +44,10 @@ def effect_name(
         shutters = {id(camera.shutter): camera.shutter for camera in cameras}.values()
         shown = {name for one in shutters for name in _shutter_effects(one)}
     else:
+        fields = shutter.kind == "table" and _has_two_fields(np.asarray(shutter.row_times))
         shown = {
-            "rolling_shutter": reads_rows_in_turn(shutter),
-            "interlaced": shutter.kind == "interlaced",
+            "rolling_shutter": reads_rows_in_turn(shutter) and not fields,
+            "interlaced": shutter.kind == "interlaced" or fields,
             "motion_blur": shutter.exposure > 0,
         }
         shown = {name for name, is_shown in shown.items() if is_shown}

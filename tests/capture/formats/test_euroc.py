@@ -17,7 +17,7 @@ from known_photograph import (
 from scipy.spatial.transform import Rotation
 
 from gaussray.capture.errors import CaptureError, CaptureWarning
-from gaussray.capture.formats.euroc import read_euroc
+from gaussray.capture.formats.euroc import euroc_near_miss, read_euroc
 from gaussray.capture.open import format_of, open_capture
 
 
@@ -146,6 +146,17 @@ def test_pictures_in_another_folder_than_data_are_told(tmp_path):
         (tmp_path / f"mav0/{name}/sensor.yaml").unlink()
     with pytest.raises(CaptureError, match="estimate0/data.csv is .* pictures in mav0/cam0/data/"):
         open_capture(tmp_path / "mav0" / "..")
+
+
+def test_a_trajectory_is_found_beside_an_empty_folder_of_another(tmp_path):
+    lay(tmp_path, table="vicon0")
+    (tmp_path / "mav0/state_groundtruth_estimate0").mkdir()
+    for name in ("cam0", "cam1"):
+        (tmp_path / f"mav0/{name}/data").rename(tmp_path / f"mav0/{name}/images")
+    assert euroc_near_miss(tmp_path) == (
+        "mav0/cam0/sensor.yaml is a file of EuRoC's. It needs pictures in mav0/cam0/data/, named "
+        "by nanoseconds."
+    )
 
 
 def test_stamps_of_a_clock_since_boot_are_nanoseconds_too(tmp_path):

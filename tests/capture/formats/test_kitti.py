@@ -1,5 +1,6 @@
 """Captures of KITTI's odometry: rectified cameras side by side, with a line for each pose."""
 
+import re
 import warnings
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 from known_photograph import PIXELS, PLACE, TURN, pixels, seen_points, write_picture
 
 from gaussray.capture.errors import CaptureError, CaptureWarning
-from gaussray.capture.formats.kitti import read_kitti
+from gaussray.capture.formats.kitti import kitti_near_miss, read_kitti
 from gaussray.capture.open import format_of, open_capture
 
 
@@ -173,6 +174,44 @@ def test_what_a_folder_with_poses_lacks_is_told(tmp_path, moves, says):
         open_capture(folder)
     with pytest.raises(FileNotFoundError, match=f"{folder}: {says}"):
         read_kitti(folder)
+
+
+POSES_TOLD = "poses.txt has twelve numbers a line, as poses of KITTI have. It needs "
+
+
+@pytest.mark.parametrize(
+    ("calibration", "pictures", "needs"),
+    [
+        (None, "images", "calib.txt with projections (P0: and twelve numbers)."),
+        (None, "left", "calib.txt with projections (P0: and twelve numbers)."),
+        ("500 500 8 6", "images", "calib.txt with projections (P0: and twelve numbers)."),
+        ("P0: 1 2 3", "images", "calib.txt with projections (P0: and twelve numbers)."),
+        (words(K @ POSES[0]), None, "pictures in image_2/, image_0/, image_l/ or images/."),
+        (
+            None,
+            None,
+            "calib.txt with projections (P0: and twelve numbers) and pictures in image_2/, "
+            "image_0/, image_l/ or images/.",
+        ),
+    ],
+)
+def test_only_what_is_not_there_is_asked_for(tmp_path, calibration, pictures, needs):
+    (tmp_path / "poses.txt").write_text("\n".join(map(words, POSES)))
+    if calibration is not None:
+        (tmp_path / "calib.txt").write_text(calibration)
+    if pictures is not None:
+        write_picture(tmp_path / pictures / "000000.png")
+    assert kitti_near_miss(tmp_path) == POSES_TOLD + needs
+    with pytest.raises(CaptureError, match=re.escape(f"known format: {POSES_TOLD}{needs} Or")):
+        open_capture(tmp_path)
+
+
+@pytest.mark.parametrize("values", ["0 " * 12, "nan " * 12])
+def test_a_projection_that_is_none_is_named_in_another_folder_too(tmp_path, values):
+    lay(tmp_path, "images", "depth")
+    (tmp_path / "calib.txt").write_text(f"P0: {values}")
+    with pytest.raises(CaptureError, match=r"calib\.txt, line 1: "):
+        open_capture(tmp_path)
 
 
 def test_other_folders_are_none_of_it(tmp_path):

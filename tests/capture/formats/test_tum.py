@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from gaussray.capture.errors import CaptureError, CaptureWarning
 from gaussray.capture.formats.posed_pictures import in_seconds
-from gaussray.capture.formats.tum import read_tum
+from gaussray.capture.formats.tum import read_tum, tum_near_miss
 from gaussray.capture.open import format_of, open_capture
 
 
@@ -169,6 +169,41 @@ def test_the_only_folder_of_pictures_may_have_any_name_and_a_trajectory_may_not(
     write_picture(tmp_path / "right/1.png")
     with pytest.raises(CaptureError, match="needs the name groundtruth.txt and pictures in rgb/"):
         open_capture(tmp_path)
+
+
+def lay_with_kitti(folder, pictures):
+    """A capture of TUM's, beside its trajectory in the form of KITTI's."""
+    (lay(folder) / "rgb").rename(folder / pictures)
+    rows = 3 * ["1 0 0 0 0 1 0 0 0 0 1 0"]
+    (folder / "exported.txt").write_text("\n".join(rows))
+    return folder
+
+
+@pytest.mark.parametrize("pictures", ["rgb", "cam", "images"])
+def test_a_trajectory_in_kittis_form_beside_it_changes_nothing(tmp_path, pictures):
+    lay_with_kitti(tmp_path, pictures)
+    assert format_of(tmp_path) == "tum"
+    check_pixels(open_capture(tmp_path).views[1])
+
+
+def test_of_projections_and_a_lens_of_its_own_the_latter_is_read(tmp_path):
+    lay_with_kitti(tmp_path, "images")
+    (tmp_path / "calib.txt").write_text("P0: 70 0 31.5 0 0 72 23.5 0 0 0 1 0\n")
+    # Without a lens that it reads, the pictures are KITTI's.
+    assert format_of(tmp_path) == "kitti"
+    (tmp_path / "camera-intrinsics.txt").write_text("50 0 31.5\n0 52 23.5\n0 0 1\n")
+    assert format_of(tmp_path) == "tum"
+    check_pixels(open_capture(tmp_path).views[1])
+    (tmp_path / "images").rename(tmp_path / "image_2")
+    assert format_of(tmp_path) == "kitti"
+
+
+def test_of_a_list_that_is_none_the_lines_are_asked_for_and_not_the_pictures(tmp_path):
+    (lay(tmp_path) / "rgb.txt").write_text("timestamp filename\n")
+    assert tum_near_miss(tmp_path) == (
+        "groundtruth.txt has eight numbers a line, as trajectories of TUM have. It needs a "
+        "timestamp and a picture on each line of rgb.txt, or no such file."
+    )
 
 
 def test_the_folder_around_has_no_say_about_the_lens(tmp_path):

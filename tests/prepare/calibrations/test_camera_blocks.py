@@ -161,8 +161,12 @@ def test_values_by_camera_may_be_blocks(tmp_path):
             "fx, fy, cx and cy as numbers, got no cx, cy",
         ),
         ({"fx": 400.0}, "camera a: fx must be there once, got [45]00.0 and"),
+        ({"K": (np.array(MATRIX) + np.diag([1.1, 0, 0])).tolist()}, "must not differ from the mat"),
         ({"K": np.eye(3).tolist()}, "fx, fy, cx and cy must not differ from the matrix"),
-        ({"intrinsics": {**APART, "skew": 4.0}}, "must have no skew, got 4 pixels beside .* 500"),
+        (
+            {"intrinsics": {**APART, "skew": 4.0}},
+            "must have no skew, got 4 pixels .* 500.* write 0 in its place, if 1.9 pixels at",
+        ),
         ({"intrinsics": {**APART, "model": "omni"}}, "must be a pinhole .* got omni"),
         ({"extrinsics": {"R": [1, 0, 0, 0], "t": [0, 0, 0]}}, "a has no R .3 or 9 numbers"),
         ({"extrinsics": {"matrix": whole(POSES[0])[:2]}}, "a has no R .3 or 9 numbers"),
@@ -197,3 +201,40 @@ def test_yaml_without_cameras_is_told_as_kalibrs(tmp_path):
     lens = {"K": MATRIX, "dist": FOUR}
     with pytest.raises(PrepareError, match="must have a camera with a pose, got none: camera cam0"):
         read_calibration(write(tmp_path / "a.yaml", {"cam0": lens, "cam1": lens}))
+
+
+LENSES = {
+    "K": lambda f: {"K": [[f, 0, 320], [0, f, 240], [0, 0, 1]]},
+    "K and dist": lambda f: {"K": [[f, 0, 320], [0, f, 240], [0, 0, 1]], "dist": FOUR},
+    "fx": lambda f: {"fx": f, "fy": f, "cx": 320, "cy": 240},
+    "a block": lambda f: {"intrinsics": {"fx": f, "fy": f, "cx": 320, "cy": 240}},
+    "P": lambda f: {"P": [[f, 0, 320, f], [0, f, 240, 2 * f], [0, 0, 1, 0.1]]},
+}
+
+
+@pytest.mark.parametrize("lens", LENSES)
+@pytest.mark.parametrize("names", ["abcd", "KRt", "KRTD", "dK", ["dist", "D", "d"], ["k1", "k2"]])
+def test_cameras_may_be_called_as_values_are(tmp_path, names, lens):
+    wanted = {name: 500.0 + k for k, name in enumerate(names)}
+    content = {name: LENSES[lens](focal) for name, focal in wanted.items()}
+    for whole_file in (content, {"cameras": content}):
+        lenses = read_lenses(write(tmp_path / "a.json", whole_file))
+        assert {name: one["fl_x"] for name, one in lenses.items()} == pytest.approx(wanted)
+    pose = {} if lens == "P" else {"R": np.eye(3).tolist(), "t": [0, 0, 1]}
+    content = {name: one | pose for name, one in content.items()}
+    cameras = read_calibration(write(tmp_path / "a.json", content)).cameras
+    assert {one.name: one.lens["fl_x"] for one in cameras} == pytest.approx(wanted)
+
+
+def test_the_matrix_is_taken_where_focal_lengths_beside_it_are_rounded(tmp_path, capsys):
+    one = {"K": [[500.3, 0, 310.25], [0, 505.4, 242.5], [0, 0, 1]], "R": np.eye(3).tolist()}
+    one |= {"t": [0, 0, 1]}
+    for focal, told in (
+        ({"fx": 500, "fy": 505, "cx": 310, "cy": 242}, True),
+        ({"fx": 500.3, "fy": 505.4, "cx": 310.25, "cy": 242.5}, False),
+    ):
+        path = write(tmp_path / "a.json", {"a": one | focal, "b": {**one, "t": [0, 1, 1]}})
+        assert {camera.lens["fl_x"] for camera in read_calibration(path).cameras} == {500.3}
+        assert ("fx, fy, cx" in capsys.readouterr().out) == told
+        read_lenses(path)
+        assert ("the matrix and the list are taken" in capsys.readouterr().out) == told

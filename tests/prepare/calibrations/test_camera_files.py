@@ -167,3 +167,19 @@ def test_the_lens_of_one_file_is_read_without_its_pose(tmp_path, values):
     path = write(tmp_path / "cam1.xml", as_xml(values(POSES[0])))
     lens = read_lenses(path)["cam1"]
     assert (lens["fl_x"], lens["cy"], lens["k1"]) == (500, 243, -0.05)
+
+
+def test_files_of_something_else_in_the_folder_are_passed_over(tmp_path):
+    for name, pose in zip(NAMES, POSES, strict=True):
+        write(tmp_path / f"{name}.xml", as_xml(voxel_carving(pose)))
+    write(tmp_path / "settings.json", json.dumps({"fx": 1000, "fy": 1000}))
+    check(read_calibration(tmp_path))
+
+
+def test_a_camera_file_whose_values_differ_is_told(tmp_path):
+    matrix = [[500, 0, 320], [0, 500, 240], [0, 0, 1]]
+    one = {"K": matrix, "R": np.eye(3).tolist(), "t": [0, 0, 1]}
+    write(tmp_path / "a.json", json.dumps(one))
+    write(tmp_path / "b.json", json.dumps(one | {"fx": 5, "fy": 5, "cx": 320, "cy": 240}))
+    with pytest.raises(PrepareError, match="b.json: fx, fy, cx and cy must not differ"):
+        read_calibration(tmp_path)

@@ -163,6 +163,7 @@ def test_what_is_no_projection_is_told(tmp_path, matrix, message):
         read_calibration(path)
     (tmp_path / "cameras.txt").rename(tmp_path / "cam0.txt")
     write(tmp_path / "cam0.txt", rows(matrix))
+    write(tmp_path / "cam1.txt", rows(projections()[1]))
     with pytest.raises(PrepareError, match=message.replace("camera 0", "cam0.txt")):
         read_calibration(tmp_path)
 
@@ -179,3 +180,11 @@ def test_slight_skew_is_left_out_with_a_line(tmp_path, capsys):
 def test_other_text_files_are_no_calibrations(tmp_path, text):
     with pytest.raises(PrepareError, match="of a kind that is read, got .txt"):
         read_calibration(write(tmp_path / "a.txt", text))
+
+
+@pytest.mark.parametrize("name", ["KRT", "a.krt"])
+@pytest.mark.parametrize("text", ["", "\n \n"])
+def test_an_empty_file_is_told(tmp_path, name, text):
+    path = write(tmp_path / name, text)
+    with pytest.raises(PrepareError, match="must hold the numbers of a camera, got no line"):
+        read_calibration(path)

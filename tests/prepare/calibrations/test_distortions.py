@@ -50,6 +50,8 @@ def coefficients(path):
         ({"dist": {"model": "plumb_bob", "data": FOUR}}, FOUR),
         ({"dist": {"rows": 1, "cols": 4, "data": FOUR}}, FOUR),
         ({"dist": FOUR, "k1": 0.1}, FOUR),
+        ({"dist": FOUR, "k1": [0.1], "k2": None}, FOUR),
+        ({"dist": [0.1, 0.2, 0.3, 0.4, 0.0], "k3": 0}, FOUR),
         ({"dist": None, "D": FOUR}, FOUR),
     ],
 )
@@ -70,11 +72,13 @@ def test_both_readers_take_the_same_coefficients(tmp_path, own, numbers):
         ),
         ({"k1": 0.1, "k4": 0.2}, "a: k1, k2, k3 and k4 without p1 and p2 may be .* fisheye: true"),
         ({"k1": 0.1, "p1": 0.2, "fisheye": True}, "a: OpenCV's fisheye has k1 to k4, got p1"),
-        ({"k1": [0.1, 0.2]}, "camera a: k1 must be 1 finite numbers, got 2. Write one number each"),
+        ({"k1": [0.1, 0.2]}, "camera a: k1 must be a finite number, got 2. Write one number each"),
         (
             {"k1": 0.1, "dist": FOUR[::-1]},
             "a: k1 must not differ from the listed .* 0.1. Keep",
         ),
+        ({"dist": FOUR, "k3": 0.01}, "a: k3 must not differ from the listed .* 0.01. Keep"),
+        ({"dist": FOUR, "k1": [0.1, 0.1]}, "a: k1 must not differ from the listed"),
         ({"dist": [], "radial": [0.1, 0.2]}, "camera a: distortion must be one list .* got radial"),
         ({"dist": FOUR, "D": FOUR[::-1]}, "camera a: dist and D must not differ"),
     ],
@@ -146,3 +150,40 @@ def test_cameras_may_be_called_like_coefficients(tmp_path):
     content = {"k1": {**CAMERA, "dist": FOUR}, "d": CAMERA}
     assert coefficients(write(tmp_path, content)) == {"d": [0] * 4, "k1": FOUR}
     assert not len(distortion_in("a", CAMERA))
+
+
+EXACT = [0.123456789, -0.0123, 0.0012345, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("own", "told"),
+    [
+        ({"k1": 0.123457, "p1": 0.00123}, "k1, p1"),
+        ({"k1": 0.123456789, "k2": -0.0123}, ""),
+        ({"radial": [0.1, 0.2]}, "radial"),
+    ],
+)
+def test_the_list_is_taken_where_others_are_rounded_or_not_read(tmp_path, capsys, own, told):
+    path = write(tmp_path, {"a": {**CAMERA, "dist": EXACT, **own}})
+    assert coefficients(path) == {"a": EXACT}
+    said = capsys.readouterr().out
+    assert (f"{told} beside the matrix or the list of coefficients" in said) == bool(told)
+    assert ("beside the matrix" in said) == bool(told)
+
+
+@pytest.mark.parametrize("own", [{"k1": 0.123458}, {"p1": 0.00124}, {"k2": 0.0123}])
+def test_numbers_that_no_rounding_explains_are_refused(tmp_path, own):
+    path = write(tmp_path, {"a": {**CAMERA, "dist": EXACT, **own}})
+    with pytest.raises(PrepareError, match="must not differ from the listed coefficients"):
+        read_calibration(path)
+
+
+def test_arrays_of_all_cameras_beside_a_list_are_no_error_of_numpy(tmp_path):
+    names, two = ["a", "b"], np.ones((2, 1))
+    values = {key: np.array([value] * 2) for key, value in CAMERA.items()}
+    path = tmp_path / "a.npz"
+    np.savez(path, **values, names=names, dist=FOUR * two, radial=two * [0.1, 0.2])
+    assert [camera.lens["k1"] for camera in read_calibration(path).cameras] == [0.1, 0.1]
+    np.savez(path, **values, names=names, dist=FOUR * two, k1=np.array([0.1, 0.1]))
+    with pytest.raises(PrepareError, match="k1 must not differ from the listed"):
+        read_calibration(path)

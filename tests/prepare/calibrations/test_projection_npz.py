@@ -87,3 +87,17 @@ def test_projections_in_json_are_read(tmp_path):
     cameras = zip("abc", PROJECTIONS, strict=True)
     path.write_text(json.dumps({name: {"P": matrix.tolist()} for name, matrix in cameras}))
     check(read_calibration(path).cameras, "abc")
+
+
+@pytest.mark.parametrize("others", [{}, {"P2": PROJECTIONS[1]}])
+def test_two_arrays_of_one_camera_are_refused(tmp_path, others):
+    path = write(tmp_path / "a.npz", P1=PROJECTIONS[0], p_1=PROJECTIONS[2], **others)
+    told = "P1 and p_1, which are both of camera 1" if others else "must hold"
+    with pytest.raises(PrepareError, match=told):
+        read_calibration(path)
+
+
+def test_skew_says_what_a_zero_costs(tmp_path):
+    skewed = MATRIX + [[0, 5.05, 0], [0, 0, 0], [0, 0, 0]]
+    with pytest.raises(PrepareError, match="write 0 in its place, if 2.4 pixels at .* K, R and t"):
+        read_calibration(write(tmp_path / "a.npz", P=skewed @ POSES))

@@ -146,3 +146,15 @@ def test_stereo_vision_names_are_a_pair(tmp_path):
     np.savez(tmp_path / "a.npz", **values, trans_vec=[[-0.4], [0], [0]])
     calibration = read_calibration(tmp_path / "a.npz")
     assert calibration.is_pair and calibration.cameras[1].pose[0, 3] == -0.4
+
+
+def test_one_rotation_beside_three_cameras_is_refused(tmp_path):
+    values = {key: value[:3] for key, value in VALUES.items() if np.ndim(value)}
+    path = write(tmp_path / "a.npz", **values, names=NAMES[:3])
+    assert len(read_calibration(path).cameras) == 3
+    path = write(tmp_path / "a.npz", **(values | {"R": np.eye(3)}), names=NAMES[:3])
+    with pytest.raises(PrepareError, match="R must be 3 x 3 for each of the 3 cameras, got 3 x 3"):
+        read_calibration(path)
+    vectors = {"R": None, "rvecs": np.zeros((3, 3))}
+    cameras = read_calibration(write(path, **(values | vectors), names=NAMES[:3])).cameras
+    assert all((one.pose[:, :3] == np.eye(3)).all() for one in cameras)

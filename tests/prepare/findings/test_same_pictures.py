@@ -60,3 +60,17 @@ def test_pictures_of_one_camera_and_few_matches_tell_nothing():
     assert not same_picture_findings(dataclasses.replace(placement, matches=few))
     one = {file: dataclasses.replace(p, camera="a") for file, p in placement.pictures.items()}
     assert not same_picture_findings(dataclasses.replace(placement, pictures=one))
+
+
+@pytest.mark.parametrize(("near", "told"), [(12, False), (3, True)])
+def test_a_far_background_does_not_hide_what_is_near(near, told):
+    """Of 60 matches some are of things so near that they are elsewhere in a rectified pair."""
+    placement = placed(0.0)
+    keypoints = dict(placement.keypoints)
+    for file, points in keypoints.items():
+        if file.startswith("b"):
+            keypoints[file] = dataclasses.replace(
+                points, xy=points.xy + 5.0 * (np.arange(60) < near)[:, None]
+            )
+    findings = same_picture_findings(dataclasses.replace(placement, keypoints=keypoints))
+    assert bool(findings) == told

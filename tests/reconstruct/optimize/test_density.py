@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import toy
 
+from gaussray.reconstruct.optimize import density
 from gaussray.reconstruct.optimize.density import (
     DensityOptions,
     clone_split_prune,
@@ -168,7 +169,7 @@ def test_relocation_keeps_the_rows_and_starts_moments_of_changed_ones_again():
     assert int(after.step) == 7 and after.parameters.static.mean.shape == (0, 3)
 
 
-def test_rows_that_are_nearly_full_are_doubled_while_there_is_budget_left():
+def test_rows_that_are_nearly_full_are_doubled_while_there_is_budget_left(monkeypatch):
     full, roomy = crowd(), with_rows(crowd(), 8)
     state = begin_state(Parameters(full, roomy, None))
     state = eqx.tree_at(lambda s: s.adam, state, jax.tree.map(jnp.ones_like, state.adam))
@@ -181,10 +182,12 @@ def test_rows_that_are_nearly_full_are_doubled_while_there_is_budget_left():
     np.testing.assert_array_equal(static.mean[:4], full.mean)
     np.testing.assert_array_equal(after.adam.mu.static.mean[:, 0], [1] * 4 + [0] * 4)
     assert after.static_statistic.total.shape == (8,)
-    # There may not be as many of the kind.
-    few = {"static": 7}
-    held = relocate_dead(state, options=options, extent=EXTENT, limit=(8, 4), seed=0, most=few)
-    assert len(held.parameters.static.mean) == 4
+    # As far as there may be so many of the kind.
+    monkeypatch.setattr(density, "_STEP", 3)
+    for most, rows in ((3, 4), (4, 6), (5, 6), (90, 8)):
+        few = {"static": most}
+        held = relocate_dead(state, options=options, extent=EXTENT, limit=(8, 4), seed=0, most=few)
+        assert len(held.parameters.static.mean) == rows
     # Nearly full, but with a row for all that the budget has: nothing to double.
     many = jax.tree.map(lambda x: jnp.concatenate([x] * 5), full)
     state = begin_state(Parameters(with_rows(many, 21), jax.tree.map(lambda x: x[:0], full), None))

@@ -68,6 +68,8 @@ def test_lens_and_aperture_of_a_manifest_are_named_unless_the_options_set_them(t
     assert named(views, aperture=rig.ApertureOptions(0.0)) == "fisheye+rolling_shutter"
     still = rig.ShutterOptions("global", exposure=0.1)
     assert named(views, shutter=still) == "fisheye+depth_of_field+motion_blur"
+    fields = rig.ShutterOptions("table", row_times=tuple(FIELDS.tolist()))
+    assert named(views, shutter=fields) == "fisheye+depth_of_field+interlaced"
 
 
 def test_the_folder_that_a_render_wrote_is_read_from_its_only_manifest(tmp_path):

@@ -89,6 +89,6 @@ def test_the_only_frame_of_a_ride_has_the_ride_at_the_times_of_its_first_camera(
 def test_flow_takes_the_neighbours_that_a_record_names():
     first, lone, last = toy.records()[:3]
     named = dataclasses.replace(lone, neighbours=(None, last.camera))
-    assert neighbour_cameras([named], 0.1)[lone.file_path] == (None, last.camera)
+    assert neighbour_cameras([named])[lone.file_path] == (None, last.camera)
     both = neighbour_cameras([first, named])
     assert both[lone.file_path] == (first.camera, None)

@@ -1,0 +1,50 @@
+"""Folders for COLMAP in the output folder, and what killed processes left of them."""
+
+import contextlib
+import os
+import re
+import shutil
+import socket
+from pathlib import Path
+
+from gaussray.runtime.lock import LOCK_FILE
+
+
+# Beginning of the name of such a folder, which holds pictures and databases, and an empty file in
+# it that tells whose it is.
+WORK_PREFIX = ".gaussray-prepare-"
+_MARKER = "made-by-gaussray-prepare"
+
+
+def mark_work(folder: Path) -> None:
+    """Mark a new folder for COLMAP as one that the next process may remove."""
+    (folder / _MARKER).touch()
+
+
+def remove_leftovers(out: Path) -> None:
+    """Remove the folders that killed processes left for COLMAP in an output folder.
+
+    Only marked ones are, and empty ones of their name; and none where this process holds no lock
+    of the output folder, as on a file system without locks: another one may work in them.
+    """
+    if not _is_locked(out):
+        return
+    for folder in out.glob(f"{WORK_PREFIX}*"):
+        ending = folder.name.removeprefix(WORK_PREFIX)
+        if not re.fullmatch(r"[a-z0-9_]{8}", ending) or folder.is_symlink():
+            continue
+        if (folder / _MARKER).is_file():
+            shutil.rmtree(folder, ignore_errors=True)
+        else:
+            # Of a process that was killed before it marked it.
+            with contextlib.suppress(OSError):
+                folder.rmdir()
+
+
+def _is_locked(out: Path) -> bool:
+    """Whether this process holds the lock of a folder: beside the lock it has written its name."""
+    try:
+        pid, host = (out / LOCK_FILE).with_suffix(".owner").read_text().split()
+    except (OSError, ValueError):
+        return False
+    return (pid, host) == (str(os.getpid()), socket.gethostname())
