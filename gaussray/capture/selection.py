@@ -80,7 +80,7 @@ def selected(capture: Capture, selection: Selection) -> Capture:
     made: dict[Any, Any] = {}
 
     def chosen(views: list[View]) -> list[View]:
-        return [_cropped_and_scaled(view, selection, made) for view in views if keep(view)]
+        return [cropped_and_scaled(view, selection, made) for view in views if keep(view)]
 
     capture = capture.with_views(chosen)
     views = _held_out(capture.views, selection)
@@ -141,8 +141,14 @@ def _held_out(views: list[View], selection: Selection) -> list[View]:
     ]
 
 
-def _cropped_and_scaled(view: View, selection: Selection, made: dict[Any, Any]) -> View:
-    """The part of a view that `Selection.crop` says, at the size that `Selection.scale` says."""
+def cropped_and_scaled(view: View, selection: Selection, made: dict[Any, Any]) -> View:
+    """The part of a view that `Selection.crop` says, at the size that `Selection.scale` says.
+
+    Args:
+        view: the whole view.
+        selection: crop and scale.
+        made: lenses and shutters that are made already; it gets those that are new.
+    """
     whole = (0, 0, view.width, view.height)
     box = selection.crop or whole
     left, top, width, height = box

@@ -82,7 +82,8 @@ def render_job(
     scene = load(cfg.scene)
     views = chosen_views(cfg, scene, rig.camera, cameras)
     _note_of_cameras(views, rig.camera, tell)
-    if cfg.cameras is None and rig.camera.kind == "capture" and not rig.film.size:
+    fitted = cfg.cameras is None and rig.camera.kind == "capture"
+    if note is not None and fitted and not rig.film.size:
         _note_of_size(views, rigs.fit_scale(cfg.scene), tell)
     in_scene_units = physical.apply_units(rig, units)
     check_used_keys(in_scene_units)

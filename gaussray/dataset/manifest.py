@@ -66,8 +66,8 @@ class ManifestEntry(NamedTuple):
     tables: Mapping[str, np.ndarray]
 
 
-# Key of `info` in the cameras.json of a reconstruction: how much smaller than the capture's the
-# pictures were that it fitted.
+# Key of `info` in the cameras.json of a reconstruction: sides of the pictures that it fitted, over
+# those of the capture.
 FIT_SCALE = "fit_scale"
 
 

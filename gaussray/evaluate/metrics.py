@@ -43,8 +43,8 @@ def ssim(truth: np.ndarray | Array, image: np.ndarray | Array, mask: Mask | None
     Args:
         truth: sRGB-encoded picture (h, w, 3), uint8 or float in 0..1.
         image: the picture to score, of the same size.
-        mask: pixels (h, w) over which the SSIM map is averaged, the border included; None averages
-            all but the 5-pixel border, where the window is cut.
+        mask: pixels (h, w) over which the SSIM map is averaged, None for all; the border of 5
+            pixels, where the window is cut, never counts.
 
     Returns:
         A value up to 1, which equal pictures have; NaN for an empty mask.
@@ -74,6 +74,8 @@ def ssim(truth: np.ndarray | Array, image: np.ndarray | Array, mask: Mask | None
     mean, local = result
     if mask is None:
         return float(mean)
+    cut = _WINDOW // 2
+    local, mask = (x[cut:-cut, cut:-cut] for x in (local, mask))
     return float(local[mask].mean()) if mask.any() else float("nan")
 
 

@@ -42,8 +42,6 @@ from gaussray.tracer.options import TraceOptions
 SCORES = "scores.jsonl"
 # Pictures that are rendered before they are scored, at most, and seconds after which no more are.
 _AT_ONCE, _SECONDS = 16, 2.0
-# Pixels at the border of a picture, where the window of SSIM is cut.
-_BORDER = 5
 
 
 @locks_output
@@ -299,30 +297,17 @@ def _score(
     """
     counted = visible if fills else None
     score: dict[str, Any] = {"psnr": psnr(real, ours, counted)}
-    score["ssim"] = _inner_ssim(real, ours, counted)
+    score["ssim"] = ssim(real, ours, counted)
     if moving is not None and counted is not None:
         moving = moving & counted
     if visible is not None:
         for name, mask in (("masked", visible), ("circle", circle_mask(visible.shape))):
             score[f"psnr_{name}"] = psnr(real, ours, mask)
-            score[f"ssim_{name}"] = _inner_ssim(real, ours, mask)
+            score[f"ssim_{name}"] = ssim(real, ours, mask)
     if moving is not None and moving.any():
         error = (real.astype(np.float64) - ours)[moving] / 255
         score["moving"] = (float(np.sum(error**2)), error.size)
     return score
-
-
-def _inner_ssim(
-    real: UInt8[np.ndarray, "h w 3"],
-    ours: UInt8[np.ndarray, "h w 3"],
-    mask: Bool[np.ndarray, "h w"] | None,
-) -> float:
-    """SSIM over a mask, less the border that SSIM without one leaves out."""
-    if mask is None:
-        return ssim(real, ours)
-    inner = np.zeros_like(mask)
-    inner[_BORDER:-_BORDER, _BORDER:-_BORDER] = True
-    return ssim(real, ours, mask & inner)
 
 
 def _part(view: View, trained: set[str]) -> str:

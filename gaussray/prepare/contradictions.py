@@ -1,6 +1,7 @@
 """Estimated poses that the matches contradict: of single pictures, and between two of them."""
 
 from collections.abc import Iterable, Mapping
+from typing import NamedTuple
 
 import numpy as np
 
@@ -8,14 +9,26 @@ from gaussray.prepare.findings.pair_distances import PairDistance, pair_distance
 from gaussray.prepare.poses import Placement
 
 
-# Matches contradict a pose if they are so many times as far off as the others, and so many
-# thousandths of the width. (Of the captures that were looked at, pictures whose pose was right
-# reached 2.7 times, and wrong ones 7.7 and 192 times.)
-_FARTHER, _LEAST = 4.0, 1.0
-# A pose is surely wrong only if matches are so many thousandths of the width off, and the others
-# are so many pairs among so many pictures: blurred pictures and near duplicates beside them differ
-# as well.
-_SURELY, _SURE_PAIRS, _SURE_PICTURES = 3.0, 3, 3
+# Distances of pairs of pictures, in thousandths of the width.
+StrongPairs = Mapping[tuple[str, str], PairDistance]
+
+
+class Evidence(NamedTuple):
+    """What it takes to call a pose wrong: how many thousandths of the width its matches are off,
+    and how many pairs among how many other pictures fit."""
+
+    distance: float
+    pairs: int = 1
+    pictures: int = 2
+
+
+DOUBTFUL = Evidence(1.0)
+# Blurred pictures, and near duplicates beside them, differ as well.
+SURE = Evidence(3.0, 3, 3)
+# Matches contradict a pose if they are so many times as far off as the others. (Of the captures
+# that were looked at, pictures whose pose was right reached 2.7 times, and wrong ones 7.7 and 192
+# times.)
+_FARTHER = 4.0
 # Pairs of a picture that count: those with most matches.
 _PARTNERS = 12
 # Fewest matches of a picture that has one pair alone, and of a pair that contradicts by itself:
@@ -24,7 +37,7 @@ _ALONE = 100
 
 
 def contradicted_pictures(
-    placement: Placement, *, surely: bool = False
+    placement: Placement, pairs: StrongPairs, evidence: Evidence
 ) -> dict[str, tuple[float, float]]:
     """Pictures whose matches are far off while those of the others fit: by file their typical
     distance in pixels of that picture, and that of the pairs without it.
@@ -34,33 +47,34 @@ def contradicted_pictures(
 
     Args:
         placement: poses, lenses, keypoints and matches.
-        surely: only those whose pose cannot be right, beside enough others that tell it; else all
-            that are doubtful.
+        pairs: distances of the pairs that count (`strong_pairs`).
+        evidence: how much of it a picture needs.
     """
-    left, least = _strong_pairs(placement), _SURELY if surely else _LEAST
+    left, widths = pairs, _widths(placement)
     found: dict[str, tuple[float, float]] = {}
     while 2 * (len(found) + 1) < len(placement.model.pictures):
-        distances = _distances(left, surely)
+        distances = _distances(left, evidence)
         if not distances:
             break
         worst = max(distances, key=lambda file: distances[file][0] / max(distances[file][1], 1e-9))
         own, rest = distances[worst]
-        if not _is_far(own, rest, least):
+        if not _is_far(own, rest, evidence):
             break
-        scale = _widths(placement)[worst] / 1000
+        scale = widths[worst] / 1000
         found[worst] = scale * own, scale * rest
         left = {pair: one for pair, one in left.items() if worst not in pair}
     return found
 
 
-def contradicting_pairs(placement: Placement) -> dict[tuple[str, str], float]:
+def contradicting_pairs(placement: Placement, pairs: StrongPairs) -> dict[tuple[str, str], float]:
     """Pairs that are far off although one of both pictures shares most matches with the other, and
     how far, in pixels of the second picture.
 
     Args:
         placement: poses, lenses, keypoints and matches.
+        pairs: distances of the pairs that count (`strong_pairs`).
     """
-    pairs, widths = _strong_pairs(placement), _widths(placement)
+    widths = _widths(placement)
     most = {
         file: max(one.matches for pair, one in pairs.items() if file in pair)
         for file in {file for pair in pairs for file in pair}
@@ -74,8 +88,8 @@ def contradicting_pairs(placement: Placement) -> dict[tuple[str, str], float]:
     }
 
 
-def _is_far(distance: float, others: float, least: float = _LEAST) -> bool:
-    return distance > max(least, _FARTHER * others)
+def _is_far(distance: float, others: float, evidence: Evidence = DOUBTFUL) -> bool:
+    return distance > max(evidence.distance, _FARTHER * others)
 
 
 def _widths(placement: Placement) -> dict[str, int]:
@@ -83,9 +97,13 @@ def _widths(placement: Placement) -> dict[str, int]:
     return {file: placement.pictures[file].size[0] for file in placement.model.pictures}
 
 
-def _strong_pairs(placement: Placement) -> dict[tuple[str, str], PairDistance]:
+def strong_pairs(placement: Placement) -> StrongPairs:
     """Of each picture the pairs with most matches, with distances in thousandths of the width, so
-    that pictures of several sizes compare."""
+    that pictures of several sizes compare.
+
+    Args:
+        placement: poses, lenses, keypoints and matches.
+    """
     by_file: dict[str, list[tuple[str, str]]] = {}
     for pair in telling_pairs(placement):
         for file in pair:
@@ -102,24 +120,22 @@ def _strong_pairs(placement: Placement) -> dict[tuple[str, str], PairDistance]:
     }
 
 
-def _distances(
-    pairs: Mapping[tuple[str, str], PairDistance], surely: bool
-) -> dict[str, tuple[float, float]]:
+def _distances(pairs: StrongPairs, evidence: Evidence) -> dict[str, tuple[float, float]]:
     """The typical distance of the pairs with each picture, and of those without it.
 
     Args:
         pairs: the pairs that count.
-        surely: whether those without it must be enough.
+        evidence: how many those without it must be.
     """
     result = {}
     for file in dict.fromkeys(file for pair in pairs for file in pair):
         own = [one for pair, one in pairs.items() if file in pair]
         others = [pair for pair in pairs if file not in pair]
         pictures = {one for pair in others for one in pair}
-        if surely and (len(others) < _SURE_PAIRS or len(pictures) < _SURE_PICTURES):
+        if len(others) < evidence.pairs or len(pictures) < evidence.pictures:
             continue
         rest = [pairs[pair] for pair in others]
-        if rest and (len(own) > 1 or own[0].matches >= _ALONE):
+        if len(own) > 1 or own[0].matches >= _ALONE:
             result[file] = _typical(own), _typical(rest)
     return result
 

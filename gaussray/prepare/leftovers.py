@@ -1,13 +1,11 @@
 """Folders for COLMAP in the output folder, and what killed processes left of them."""
 
 import contextlib
-import os
 import re
 import shutil
-import socket
 from pathlib import Path
 
-from gaussray.runtime.lock import LOCK_FILE
+from gaussray.runtime.lock import holds_lock
 
 
 # Beginning of the name of such a folder, which holds pictures and databases, and an empty file in
@@ -27,7 +25,7 @@ def remove_leftovers(out: Path) -> None:
     Only marked ones are, and empty ones of their name; and none where this process holds no lock
     of the output folder, as on a file system without locks: another one may work in them.
     """
-    if not _is_locked(out):
+    if not holds_lock(out):
         return
     for folder in out.glob(f"{WORK_PREFIX}*"):
         ending = folder.name.removeprefix(WORK_PREFIX)
@@ -39,12 +37,3 @@ def remove_leftovers(out: Path) -> None:
             # Of a process that was killed before it marked it.
             with contextlib.suppress(OSError):
                 folder.rmdir()
-
-
-def _is_locked(out: Path) -> bool:
-    """Whether this process holds the lock of a folder: beside the lock it has written its name."""
-    try:
-        pid, host = (out / LOCK_FILE).with_suffix(".owner").read_text().split()
-    except (OSError, ValueError):
-        return False
-    return (pid, host) == (str(os.getpid()), socket.gethostname())

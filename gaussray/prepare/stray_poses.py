@@ -6,11 +6,12 @@ import dataclasses
 import numpy as np
 from jaxtyping import Bool
 
-from gaussray.prepare.contradictions import contradicted_pictures
+from gaussray.prepare.contradictions import SURE, contradicted_pictures, strong_pairs
 from gaussray.prepare.findings.finding import Finding
 from gaussray.prepare.placed_cameras import picture_name
 from gaussray.prepare.poses import Placement
 from gaussray.prepare.sparse_model import camera_centres, kept_pictures, observations_by_picture
+from gaussray.runtime.output import first_of
 
 
 # Fewest observations of a picture of a camera that does not stand still: COLMAP gives a pose from
@@ -38,7 +39,7 @@ def without_strays(placement: Placement) -> tuple[Placement, list[Finding]]:
     few = moving & (observations_by_picture(placement.model) < _FEWEST)
     far = _far_off(placement)
     believed = _kept(placement, ~(few | far))
-    found = contradicted_pictures(believed, surely=True)
+    found = contradicted_pictures(believed, strong_pairs(believed), SURE)
     off = {file: found[file] for file, moves in zip(files, moving, strict=True)
            if moves and file in found}  # fmt: skip
     contradicted = np.isin(files, list(off))
@@ -57,7 +58,7 @@ def without_strays(placement: Placement) -> tuple[Placement, list[Finding]]:
             if stray
         ]
         if names:
-            reasons.append(f"{', '.join(names[:8])}{' ...' * (len(names) > 8)} ({reason})")
+            reasons.append(f"{first_of(names, 8)} ({reason})")
     finding = Finding(
         "warn",
         "cameras",

@@ -13,7 +13,7 @@ from gaussray.color import LEAST_MSE, psnr_from_mse
 from gaussray.reconstruct.block_sizes import BlockSizes
 from gaussray.reconstruct.held_out import held_out_scorer
 from gaussray.reconstruct.motion_budget import motion_budget
-from gaussray.reconstruct.optimize.density import density_control, density_due
+from gaussray.reconstruct.optimize.density import clone_split_prune, density_due, relocate_dead
 from gaussray.reconstruct.optimize.free_space import without_near_gaussians
 from gaussray.reconstruct.optimize.state import State
 from gaussray.reconstruct.run_progress import RunProgress, StageSchedule
@@ -161,11 +161,9 @@ def _with_density_control(
     state = from_primary(state)
     if progress.free_space is not None:
         state = without_near_gaussians(state, progress.free_space)
-    return density_control(options)(
-        state,
-        options=options,
-        extent=session.extent,
-        limit=(progress.limit[0] // part, progress.limit[1] // part),
-        most=motion_budget(session, progress.moved)._asdict(),
-        seed=session.options.fit.seed + 2 * done + (progress.stage == "fine"),
-    )
+    limit = progress.limit[0] // part, progress.limit[1] // part
+    seed = session.options.fit.seed + 2 * done + (progress.stage == "fine")
+    if options.relocates:
+        most = motion_budget(session, progress.moved)._asdict()
+        return relocate_dead(state, options=options, limit=sum(limit), most=most, seed=seed)
+    return clone_split_prune(state, options=options, extent=session.extent, limit=limit, seed=seed)

@@ -9,7 +9,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt16
 
 from gaussray.capture.errors import CaptureWarning
 from gaussray.geometry import rotation_matrix
@@ -75,16 +75,17 @@ def with_motion(session: Session, state: State, progress: RunProgress) -> tuple[
         control = from_primary(_control_points_at_rest(session, parameters.moving))
     if fit.control and (session.has_videos or session.still_first):
         control = from_primary(_control_points(session, clouds, moved))
+    if moved is not None:
+        # Of all the frames that were asked for.
+        counts = moved.tile_counts()
+        progress = replace(progress, moved=counts)
+        session.loader.sampler.see_moved(counts)
     if control is not None and session.still_first:
-        most = motion_budget(session, None if moved is None else moved.tile_counts()).moving
-        parameters, progress = _with_followers(session, parameters, clouds[0], progress, most=most)
+        parameters, progress = _with_followers(session, parameters, clouds[0], progress)
     if fit.deforms:
         deformation = first_deformation(session, parameters, progress, control)
     if fit.transient:
-        transient = first_transients(session, clouds, moved)
-    if moved is not None:
-        progress = replace(progress, moved=moved.tile_counts())
-        session.loader.sampler.see_moved(moved.tile_counts())
+        transient = first_transients(session, clouds, progress.moved)
     static, moving, corrections = parameters.static, parameters.moving, parameters.corrections
     own = (
         deformation,
@@ -183,19 +184,15 @@ def _control_points_at_rest(session: Session, moving: Unconstrained) -> ControlP
 
 
 def _with_followers(
-    session: Session,
-    parameters: Parameters,
-    cloud: MovingPoints,
-    progress: RunProgress,
-    *,
-    most: int,
+    session: Session, parameters: Parameters, cloud: MovingPoints, progress: RunProgress
 ) -> tuple[Parameters, RunProgress]:
     """The parameters with Gaussians on the moving points of the first time, which will follow
-    control points; with rows for those that density control may add, at most so many."""
+    control points; with rows for those that density control may add."""
     fit, density, found = session.options.fit, session.options.density, cloud.points
     near = np.flatnonzero(inliers(found.position, STRAY))
-    most = min(density.gaussians // _FOLLOWERS, most)
-    chosen = near[thinned(len(near), count=most, seed=fit.seed)]
+    budget = motion_budget(session, progress.moved).moving
+    first = min(density.gaussians // _FOLLOWERS, budget)
+    chosen = near[thinned(len(near), count=first, seed=fit.seed)]
     gaussians = on_points(
         found.position[chosen],
         found.light[chosen],
@@ -203,7 +200,7 @@ def _with_followers(
         opacity=fit.initial_opacity,
         spread=fit.initial_scale,
     )
-    rows = len(chosen) * (2 if density.relocates else 1)
+    rows = min(2 * len(chosen), budget) if density.relocates else len(chosen)
     step = 8 * session.mesh.size
     moving = with_rows(unconstrain(gaussians), -(-rows // step) * step)
     progress = replace(progress, initial=(progress.initial[0], len(chosen)))
@@ -211,7 +208,9 @@ def _with_followers(
 
 
 def first_transients(
-    session: Session, clouds: Sequence[MovingPoints], moved: UnexplainedPixels | None
+    session: Session,
+    clouds: Sequence[MovingPoints],
+    moved: UInt16[np.ndarray, "frames tiles"] | None,
 ) -> UnconstrainedTransients | None:
     """Transient Gaussians on the points that stereo finds in what moves, with rows for those that
     density control may add; None where it finds nothing.
@@ -219,19 +218,19 @@ def first_transients(
     Args:
         session: the segment.
         clouds: the points of each of the `starting_times`.
-        moved: which pixels what stands still does not show, where cameras move.
+        moved: moving pixels of every frame and tile, where cameras move (`RunProgress.moved`).
     """
     fit, density = session.options.fit, session.options.density
-    most = motion_budget(session, None if moved is None else moved.tile_counts()).transient
+    most = motion_budget(session, moved).transient
     first = initial_transients(
         clouds,
         starting_times(session.times, fit.instants),
-        count=min(density.gaussians, most) // 2,
+        count=most // 2,
         degree=fit.degree,
         seed=fit.seed,
     )
     if not first.count:
-        if moved is not None and not moved.tile_counts().any():
+        if moved is not None and not moved.any():
             return None
         warnings.warn(
             "Stereo finds no points on moving things, so the scene will be static. If something "

@@ -33,7 +33,7 @@ class FitPlan(NamedTuple):
     Args:
         capture: the pictures, as large as they are fitted.
         unscaled: the same pictures, as large as they were given.
-        scale: how much smaller the fitted ones are.
+        scale: of the sides of the fitted ones, at most 1.
         options: all options, with what device, capture and trials decided.
         segments: the segments.
         shared: what trials found out of the first segment, for its fit.

@@ -146,6 +146,7 @@ def _with_room(
         rows = int(selected.count * growth) if density.interval else selected.count
         if density.relocates and session.options.fit.transient:
             rows = rows_beside_transients(selected.count, progress.most, share=share)
+        if density.relocates:
             rows = min(rows, max(most, selected.count))
         return with_rows(unconstrain(selected), -(-rows // step) * step)
 

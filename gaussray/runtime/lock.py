@@ -106,6 +106,13 @@ def lock_output(out: Path | str, part: str = "") -> Path | None:
     return path
 
 
+def holds_lock(out: Path | str) -> bool:
+    """Whether this process holds the lock of an output folder; False on a file system without
+    locks."""
+    held = _held.get(Path(out).absolute() / LOCK_FILE)
+    return held is not None and held.lock.is_locked
+
+
 def release_locks() -> None:
     """Release all locks of this process."""
     for path in list(_held):

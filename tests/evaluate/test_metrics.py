@@ -67,11 +67,13 @@ def test_ssim_at_a_pixel_is_the_formula_under_its_gaussian_window():
     assert ssim(x, y, mask) == pytest.approx(np.mean(values), rel=1e-9)
 
 
-def test_ssim_without_a_mask_leaves_out_the_border():
+def test_ssim_leaves_out_the_border():
     x, y = noise(1), noise(2)
     mask = np.zeros((20, 24), bool)
     mask[5:-5, 5:-5] = True
     assert ssim(x, y) == pytest.approx(ssim(x, y, mask), rel=1e-12)
+    # Nor does it count where a mask has it.
+    assert ssim(x, y, np.ones((20, 24), bool)) == pytest.approx(ssim(x, y), rel=1e-12)
     assert math.isnan(ssim(x, y, np.zeros((20, 24), bool)))
 
 

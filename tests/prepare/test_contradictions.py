@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gaussray.prepare import contradictions
-from gaussray.prepare.contradictions import contradicted_pictures
+from gaussray.prepare.contradictions import DOUBTFUL, SURE, contradicted_pictures, strong_pairs
 from gaussray.prepare.features import MatchingPicture
 from gaussray.prepare.findings.pair_distances import PairDistance
 from gaussray.prepare.poses import Placement
@@ -34,7 +34,8 @@ def named(monkeypatch):
         found = {tuple(pair): PairDistance(200, value) for pair, value in distances.items()}
         monkeypatch.setattr(contradictions, "pair_distances", lambda _, chosen: {
             pair: found[pair] for pair in chosen})  # fmt: skip
-        told, left_out = (contradicted_pictures(placement, surely=x) for x in (False, True))
+        strong = strong_pairs(placement)
+        told, left_out = (contradicted_pictures(placement, strong, x) for x in (DOUBTFUL, SURE))
         assert left_out.items() <= told.items()
         return "".join(told), "".join(left_out)
 

@@ -17,6 +17,7 @@ from gaussray.capture.formats.number_files import (
     columns_of,
     lens_of_matrix,
     lines_of,
+    numbers_of_words,
     read_rows,
 )
 from gaussray.capture.formats.picture_folder import only_picture_folder
@@ -119,15 +120,7 @@ def _has_projection(path: Path) -> bool:
     lines = lines_of(head_of(path)) if path.is_file() else []
     matches = ((_LABEL.fullmatch(line), line) for _, line in lines)
     words = ((match[2] if match else line).split() for match, line in matches)
-    return any(len(some) == 12 and all(map(_is_number, some)) for some in words)
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
+    return any(len(some) == 12 and numbers_of_words(some) is not None for some in words)
 
 
 def _poses_files(folder: Path) -> tuple[list[Path], list[Path]]:

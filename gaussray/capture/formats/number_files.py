@@ -47,7 +47,7 @@ def columns_of(path: Path) -> int:
     """
     lines = lines_of(head_of(path)) if path.is_file() else []
     words = lines[0][1].replace(",", " ").split() if lines else []
-    return len(words) if _numbers(words) is not None else 0
+    return len(words) if numbers_of_words(words) is not None else 0
 
 
 def read_rows(path: Path, count: int, rule: str) -> list[tuple[Keys, Float[np.ndarray, " count"]]]:
@@ -71,7 +71,7 @@ def read_rows(path: Path, count: int, rule: str) -> list[tuple[Keys, Float[np.nd
     rows = []
     for number, line in lines:
         keys = Keys(path, {"it": line}, number, kind="line")
-        values = _numbers(line.replace(",", " ").split()[:count])
+        values = numbers_of_words(line.replace(",", " ").split()[:count])
         if values is None or len(values) < count:
             raise keys.error("it", rule)
         rows.append((keys, values))
@@ -90,7 +90,7 @@ def read_matrix(path: Path, size: int) -> Float[np.ndarray, "size size"]:
         OSError: the file cannot be read.
     """
     words = [word for _, line in lines_of(read_text(path)) for word in re.split(r"[\s,]+", line)]
-    values = _numbers([word for word in words if word])
+    values = numbers_of_words([word for word in words if word])
     if values is None or len(values) != size**2:
         got = f"{len(words)} words" if values is not None else "words that are no numbers"
         raise CaptureError(
@@ -187,7 +187,7 @@ def _calibration(path: Path) -> dict[str, Any]:
     lines = lines_of(read_text(path))
     if len(lines) == 3:
         return read_matrix_lens(path)
-    values = _numbers(lines[0][1].replace(",", " ").split()) if len(lines) == 1 else None
+    values = numbers_of_words(lines[0][1].replace(",", " ").split()) if len(lines) == 1 else None
     good = values is not None and len(values) in (4, 8, 9) and bool(np.isfinite(values).all())
     if values is None or not good or min(values[:2]) <= 0:
         raise CaptureError(
@@ -198,8 +198,8 @@ def _calibration(path: Path) -> dict[str, Any]:
     return lens_of_coefficients(values.tolist())
 
 
-def _numbers(words: Sequence[str]) -> Float[np.ndarray, " words"] | None:
-    """The numbers that words are; None if one is none."""
+def numbers_of_words(words: Sequence[str]) -> Float[np.ndarray, " words"] | None:
+    """The numbers that words are; None if a word is no number."""
     try:
         return np.array([_NOT_FINITE.sub("nan", word) for word in words], np.float64)
     except ValueError:

@@ -10,6 +10,7 @@ from jaxtyping import DTypeLike
 from gaussray.capture.capture import Capture
 from gaussray.capture.errors import CaptureError
 from gaussray.capture.formats.json_keys import Keys
+from gaussray.capture.formats.number_files import numbers_of_words
 from gaussray.capture.formats.poses import opengl_pose, quaternion_turn
 from gaussray.capture.formats.rig import numbered_pictures, rig_capture
 from gaussray.io.safe.files import read_text
@@ -56,29 +57,21 @@ def _rows(path: Path) -> list[Keys]:
     """The numbers of each row, as a row's key `numbers`."""
     lines = [line.split() for line in read_text(path).decode("utf-8-sig", "replace").splitlines()]
     lines = [words for words in lines if words]
-    if lines and not all(_is_number(word) for word in lines[0]):
+    if lines and numbers_of_words(lines[0]) is None:
         lines = lines[1:]
     if not lines:
         raise CaptureError(f"{path}: must have a row of numbers for each camera. {_REMEDY}")
     within(path, "the cameras", len(lines), "frames")
+    rows = []
     for k, words in enumerate(lines):
-        if len(words) != _COLUMNS or not all(_is_number(word) for word in words):
+        numbers = numbers_of_words(words)
+        if len(words) != _COLUMNS or numbers is None:
             raise CaptureError(
                 f"{path}: the row of camera {k} must be {_COLUMNS} numbers, got "
                 f"{' '.join(words)[:80]}. {_REMEDY}"
             )
-    return [
-        Keys(path, {"numbers": [float(word) for word in words]}, k, kind="camera")
-        for k, words in enumerate(lines)
-    ]
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
+        rows.append(Keys(path, {"numbers": numbers.tolist()}, k, kind="camera"))
+    return rows
 
 
 def _camera(row: Keys) -> Keys:

@@ -11,7 +11,6 @@ import numpy as np
 
 from gaussray.io.safe.files import read_text
 from gaussray.prepare.errors import PrepareError
-from gaussray.runtime.progress import say
 
 
 _LARGEST = 1_000_000
@@ -78,8 +77,6 @@ def text_cameras(path: Path) -> dict[str, dict[str, Any]]:
             f"{path}: each camera must have a line with its name, or none of them, got "
             f"{', '.join(result)[:200]}. Add the names."
         )
-    if unnamed > 1:
-        say(f"{path}: {unnamed} cameras without a name are called by their number, from 0.")
     return result
 
 

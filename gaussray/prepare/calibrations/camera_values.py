@@ -121,8 +121,9 @@ def tell_readings(where: object, cameras: Sequence[Mapping[str, Any]]) -> None:
         where: the file or folder.
         cameras: values of each camera that is read (`plain_camera`).
     """
-    say_poses(where, filter(None, map(found_pose, cameras)))
     split = [camera for camera in cameras if "[R | t]" in camera and _projection_key(camera)]
+    own = [camera for camera in cameras if not any(camera is one for one in split)]
+    say_poses(where, filter(None, map(found_pose, own)))
     if split:
         skew = max(abs(float(camera["K"][0, 1])) for camera in split)
         left = f" Skew of at most {skew:.2g} pixels is left out." if skew > 1e-3 else ""

@@ -215,6 +215,8 @@ def _read_text(path: Path) -> Calibration:
     blocks = text_cameras(path)
     cameras = opencv_cameras(path, blocks)
     assert cameras is not None
+    if list(blocks) == [str(i) for i in range(len(blocks))]:
+        say(f"{path}: {len(blocks)} cameras without a name are called by their number, from 0.")
     if any("K" in one for one in blocks.values()):
         say(
             f"{path}: distortion is k1 k2 p1 p2 k3 as OpenCV has them, and the unit that of t, "

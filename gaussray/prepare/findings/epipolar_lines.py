@@ -5,7 +5,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from gaussray.capture.odd_cameras import JudgedPair, odd_cameras
-from gaussray.prepare.contradictions import contradicted_pictures, contradicting_pairs
+from gaussray.prepare.contradictions import (
+    DOUBTFUL,
+    contradicted_pictures,
+    contradicting_pairs,
+    strong_pairs,
+)
 from gaussray.prepare.epipolar import EpipolarPair
 from gaussray.prepare.findings.calibration_readings import better_reading
 from gaussray.prepare.findings.finding import Finding
@@ -85,14 +90,15 @@ def _misplaced(placement: Placement) -> str:
     def called(file: str) -> str:
         return picture_name(placement.pictures[file], placement)
 
+    pairs = strong_pairs(placement)
     texts = [
         f"those of {called(file)} {own:.2g} pixels, without it {rest:.2g}"
-        for file, (own, rest) in contradicted_pictures(placement).items()
+        for file, (own, rest) in contradicted_pictures(placement, pairs, DOUBTFUL).items()
     ]
     if not texts:
         texts = [
             f"those of {called(a)} and {called(b)} {distance:.2g} pixels: one of both is misplaced"
-            for (a, b), distance in contradicting_pairs(placement).items()
+            for (a, b), distance in contradicting_pairs(placement, pairs).items()
         ]
     more = f"; and {len(texts) - _LISTED} more" if len(texts) > _LISTED else ""
     return "; ".join(texts[:_LISTED]) + more

@@ -4,6 +4,7 @@ import numpy as np
 
 from gaussray.prepare.exposure import LEAST_SHARED
 from gaussray.prepare.findings.finding import Finding
+from gaussray.runtime.output import first_of
 
 
 # Stops by which exposures may differ.
@@ -22,8 +23,7 @@ def exposure_findings(gains: dict[str, tuple[np.ndarray, int]]) -> list[Finding]
         remedy = "fit.refine=[exposure] if pictures of one thing differ in brightness."
         return [*findings, Finding("warn", "exposure", text, remedy)] if len(gains) > 1 else []
     left = [name for name in gains if name not in known]
-    listed = ", ".join(left[:_LISTED]) + ("..." if len(left) > _LISTED else "")
-    but = f" ({listed} not compared)" if left else ""
+    but = f" ({first_of(left, _LISTED)} not compared)" if left else ""
     worst = max(known, key=lambda name: np.abs(known[name]).max())
     size = float(np.abs(known[worst]).max())
     if size > STOPS:

@@ -3,6 +3,8 @@
 from collections.abc import Iterable
 from typing import NamedTuple
 
+from gaussray.runtime.output import first_of
+
 
 # Names of cameras that share a finding which are listed, at most.
 _LISTED = 8
@@ -36,8 +38,7 @@ def merged_findings(findings: Iterable[Finding]) -> list[Finding]:
     merged = []
     for finding, own in names.items():
         if finding.text.startswith(": "):
-            listed = ", ".join(own[:_LISTED]) + ("..." if len(own) > _LISTED else "")
-            finding = finding._replace(text=listed + finding.text)
+            finding = finding._replace(text=first_of(own, _LISTED) + finding.text)
         merged.append(finding)
     return merged
 

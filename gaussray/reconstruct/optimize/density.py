@@ -5,7 +5,6 @@ of 3DGRT), on the host; or relocate dead ones (`relocation.py`).
 """
 
 from collections.abc import Mapping
-from typing import Protocol, runtime_checkable
 
 import equinox as eqx
 import jax
@@ -113,36 +112,6 @@ class DensityOptions(eqx.Module):
         return most if self.relocates else min(int(count * self.growth), most)
 
 
-@runtime_checkable
-class DensityControl(Protocol):
-    """A kind of density control: a function from a state to a state with other Gaussians.
-
-    Args:
-        state: the state after a block of steps.
-        options: thresholds, costs and the budget.
-        extent: the scene's length unit (`session.scene_extent`).
-        limit: the largest numbers of static and of moving Gaussians.
-        seed: seed of the random numbers, which differs from call to call.
-        most: the largest number of Gaussians of a kind, by its name, where they are relocated.
-    """
-
-    def __call__(
-        self,
-        state: State,
-        *,
-        options: DensityOptions,
-        extent: float,
-        limit: tuple[int, int],
-        seed: int,
-        most: Mapping[str, int] | None = None,
-    ) -> State: ...
-
-
-def density_control(options: DensityOptions) -> DensityControl:
-    """The kind of density control that the options choose."""
-    return relocate_dead if options.relocates else clone_split_prune
-
-
 def density_due(options: DensityOptions, before: int, done: int, share: float) -> bool:
     """Whether density control runs after a block of steps.
 
@@ -161,10 +130,9 @@ def relocate_dead(
     state: State,
     *,
     options: DensityOptions,
-    extent: float,
-    limit: tuple[int, int],
+    limit: int,
+    most: Mapping[str, int],
     seed: int,
-    most: Mapping[str, int] | None = None,
 ) -> State:
     """Relocation of dead Gaussians, with one budget for all kinds (`relocation.relocate`). The rows
     of a kind that are nearly full are doubled if the others leave it more of the budget, as far as
@@ -173,10 +141,9 @@ def relocate_dead(
     Args:
         state: the state after a block of steps.
         options: `opacity`, below which a Gaussian is dead.
-        extent: for `clone_split_prune` alone.
-        limit: two numbers of Gaussians, whose sum is the budget.
-        seed: seed of the draws, which differs from call to call.
+        limit: the largest number of Gaussians of all kinds together.
         most: the largest number of Gaussians of a kind, by its name; others have the budget alone.
+        seed: seed of the draws, which differs from call to call.
     """
     parts = {kind: free for kind, free in state.parameters.kinds.items() if len(free.mean)}
     populations = tuple(
@@ -186,14 +153,14 @@ def relocate_dead(
         populations,
         jax.random.key(seed),
         opacity=options.opacity,
-        limit=jnp.asarray(sum(limit), jnp.int32),
+        limit=jnp.asarray(limit, jnp.int32),
     )
     held = [int(occupied(gaussians).sum()) for gaussians, _ in moved]
     changed = {}
     for kind, (gaussians, fresh), own in zip(parts, moved, held, strict=True):
-        rows, room = len(fresh), sum(limit) - sum(held) + own
+        rows, room = len(fresh), limit - sum(held) + own
         wanted = 2 * rows
-        if most is not None and kind in most:
+        if kind in most:
             wanted = min(wanted, -(-most[kind] // _STEP) * _STEP)
         if own > _NEARLY_FULL * rows and rows < min(room, wanted):
             rows = wanted
@@ -204,13 +171,7 @@ def relocate_dead(
 
 
 def clone_split_prune(
-    state: State,
-    *,
-    options: DensityOptions,
-    extent: float,
-    limit: tuple[int, int],
-    seed: int,
-    most: Mapping[str, int] | None = None,
+    state: State, *, options: DensityOptions, extent: float, limit: tuple[int, int], seed: int
 ) -> State:
     """The adaptive density control of 3DGS, on static and on moving Gaussians.
 
@@ -220,7 +181,6 @@ def clone_split_prune(
         extent: the scene's length unit (`session.scene_extent`).
         limit: the largest numbers of static and of moving Gaussians.
         seed: seed of the random numbers, which differs from call to call.
-        most: for `relocate_dead` alone.
     """
     parameters = state.parameters
     static = clone_split_prune_rows(

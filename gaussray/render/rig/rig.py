@@ -18,7 +18,7 @@ from gaussray.capture.capture import View
 from gaussray.capture.formats.paired import effect_files, read_cameras
 from gaussray.capture.formats.transforms import PINHOLE_FILE, json_object
 from gaussray.capture.open import FORMATS, format_of
-from gaussray.capture.view_part import part_of_view
+from gaussray.capture.selection import Selection, cropped_and_scaled
 from gaussray.dataset.manifest import FIT_SCALE, FrameRecord
 from gaussray.io.plain_values import to_device
 from gaussray.render.aov.labeller import PICTURE_LABELS
@@ -300,13 +300,13 @@ def load_views(scene: Path | str, cameras: Path | str | None) -> list[View]:
             f"{path}: no such file. Name a capture's folder, cameras=DIR, or place a camera: "
             "camera=orbit or camera=look_at."
         )
-    scale, made = fit_scale(path), dict[Any, Any]()
-    return [_scaled(view, scale, made) for view in read_cameras(path)]
+    scaled, made = Selection(scale=fit_scale(path)), dict[Any, Any]()
+    return [cropped_and_scaled(view, scaled, made) for view in read_cameras(path)]
 
 
 def fit_scale(scene: Path | str) -> float:
-    """How much smaller than the capture's the pictures were that a reconstruction fitted; 1 where
-    they were as large, or nothing says so.
+    """Sides of the pictures that a reconstruction fitted, over those of the capture: at most 1, and
+    1 where nothing says so.
 
     Args:
         scene: the folder of a reconstruction, or a file in it.
@@ -316,11 +316,3 @@ def fit_scale(scene: Path | str) -> float:
     info = json_object(path).get("info") if path.is_file() else None
     scale = info.get(FIT_SCALE, 1.0) if isinstance(info, Mapping) else 1.0
     return float(scale) if isinstance(scale, float) and 0 < scale < 1 else 1.0
-
-
-def _scaled(view: View, scale: float, made: dict[Any, Any]) -> View:
-    """A view of smaller pictures; `made` holds lenses that are made already."""
-    if scale == 1:
-        return view
-    size = max(round(scale * view.width), 1), max(round(scale * view.height), 1)
-    return part_of_view(view, (0, 0, view.width, view.height), size, made)

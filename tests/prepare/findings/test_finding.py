@@ -12,7 +12,7 @@ def test_what_is_said_of_several_cameras_is_said_once():
     found = merged_findings([scaled("a"), other, scaled("b"), scaled("c", "9 x 6"), scaled("d")])
     assert found == [scaled("a, b, d"), other, scaled("c", "9 x 6")]
     many = merged_findings([scaled(f"cam{k}") for k in range(9)])
-    assert many == [scaled(", ".join(f"cam{k}" for k in range(8)) + "...")]
+    assert many == [scaled(", ".join(f"cam{k}" for k in range(8)) + " ...")]
 
 
 def test_remedies_are_told_with_what_is_doubtful():

@@ -12,7 +12,6 @@ from gaussray.reconstruct.optimize.density import (
     DensityOptions,
     clone_split_prune,
     clone_split_prune_rows,
-    density_control,
     relocate_dead,
 )
 from gaussray.reconstruct.optimize.gradient_statistic import (
@@ -154,11 +153,10 @@ def test_relocation_keeps_the_rows_and_starts_moments_of_changed_ones_again():
     ones = jax.tree.map(jnp.ones_like, state.adam)
     state = eqx.tree_at(lambda s: (s.adam, s.step), state, (ones, jnp.asarray(7, jnp.int32)))
     options = DensityOptions(kind="relocate", interval=100, opacity=0.1, gaussians=6)
-    assert density_control(options) is relocate_dead
     assert (options.room(4), options.room(9)) == (6, 9)
     grown = DensityOptions(growth=8.0, gaussians=20)
     assert [grown.room(n) for n in (2, 4, 30)] == [16, 20, 30]
-    after = relocate_dead(state, options=options, extent=EXTENT, limit=(0, 6), seed=0)
+    after = relocate_dead(state, options=options, limit=6, most={}, seed=0)
     moving = after.parameters.moving
     # The faint one became a copy; five percent of four are none.
     assert occupied(moving).tolist() == [True] * 4 + [False] * 4
@@ -174,9 +172,9 @@ def test_rows_that_are_nearly_full_are_doubled_while_there_is_budget_left(monkey
     state = begin_state(Parameters(full, roomy, None))
     state = eqx.tree_at(lambda s: s.adam, state, jax.tree.map(jnp.ones_like, state.adam))
     options = DensityOptions(kind="relocate", interval=100, opacity=0.01)
-    spent = relocate_dead(state, options=options, extent=EXTENT, limit=(4, 4), seed=0)
+    spent = relocate_dead(state, options=options, limit=8, most={}, seed=0)
     assert len(spent.parameters.static.mean) == 4
-    after = relocate_dead(state, options=options, extent=EXTENT, limit=(8, 4), seed=0)
+    after = relocate_dead(state, options=options, limit=12, most={}, seed=0)
     static, moving = after.parameters.static, after.parameters.moving
     assert occupied(static).tolist() == [True] * 4 + [False] * 4 and len(moving.mean) == 8
     np.testing.assert_array_equal(static.mean[:4], full.mean)
@@ -186,12 +184,12 @@ def test_rows_that_are_nearly_full_are_doubled_while_there_is_budget_left(monkey
     monkeypatch.setattr(density, "_STEP", 3)
     for most, rows in ((3, 4), (4, 6), (5, 6), (90, 8)):
         few = {"static": most}
-        held = relocate_dead(state, options=options, extent=EXTENT, limit=(8, 4), seed=0, most=few)
+        held = relocate_dead(state, options=options, limit=12, seed=0, most=few)
         assert len(held.parameters.static.mean) == rows
     # Nearly full, but with a row for all that the budget has: nothing to double.
     many = jax.tree.map(lambda x: jnp.concatenate([x] * 5), full)
     state = begin_state(Parameters(with_rows(many, 21), jax.tree.map(lambda x: x[:0], full), None))
-    kept = relocate_dead(state, options=options, extent=EXTENT, limit=(21, 0), seed=0)
+    kept = relocate_dead(state, options=options, limit=21, most={}, seed=0)
     assert len(kept.parameters.static.mean) == 21
 
 
