@@ -75,8 +75,8 @@ def ssim(truth: np.ndarray | Array, image: np.ndarray | Array, mask: Mask | None
     if mask is None:
         return float(mean)
     cut = _WINDOW // 2
-    local, mask = (x[cut:-cut, cut:-cut] for x in (local, mask))
-    return float(local[mask].mean()) if mask.any() else float("nan")
+    values = local[cut:-cut, cut:-cut][mask[cut:-cut, cut:-cut]]
+    return float(values.mean()) if values.size else float("nan")
 
 
 def unit_values(image: np.ndarray | Array, kind: type = np.float64) -> np.ndarray:
