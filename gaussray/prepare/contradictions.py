@@ -5,7 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gaussray.prepare.findings.pair_distances import PairDistance, pair_distances, telling_pairs
+from gaussray.prepare.findings.pair_distances import (
+    PairDistance,
+    pair_distances,
+    pairs_with_enough_matches,
+)
 from gaussray.prepare.poses import Placement
 
 
@@ -105,7 +109,7 @@ def strong_pairs(placement: Placement) -> StrongPairs:
         placement: poses, lenses, keypoints and matches.
     """
     by_file: dict[str, list[tuple[str, str]]] = {}
-    for pair in telling_pairs(placement):
+    for pair in pairs_with_enough_matches(placement):
         for file in pair:
             by_file.setdefault(file, []).append(pair)
     chosen = dict.fromkeys(

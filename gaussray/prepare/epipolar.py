@@ -7,6 +7,7 @@ from jaxtyping import Float
 
 from gaussray.capture.spread import evenly_spread
 from gaussray.geometry import epipolar_angle
+from gaussray.prepare.pose_math import camera_centre
 from gaussray.prepare.poses import Placement
 from gaussray.prepare.sparse_model import pixel_rays, project_points
 
@@ -79,7 +80,7 @@ def epipolar_distance(
     turn_a, turn_b = model.poses[a, :, :3], model.poses[b, :, :3]
     ray_a = pixel_rays(model.lenses[a], placement.keypoints[first].xy[rows[:, 0]]) @ turn_a
     ray_b = pixel_rays(model.lenses[b], placement.keypoints[second].xy[rows[:, 1]]) @ turn_b
-    centre_a, centre_b = -turn_a.T @ model.poses[a, :, 3], -turn_b.T @ model.poses[b, :, 3]
+    centre_a, centre_b = camera_centre(model.poses[[a, b]])
     return epipolar_angle(ray_a, ray_b, centre_b - centre_a) * model.lenses[b]["fl_x"]
 
 
@@ -101,10 +102,8 @@ def _pair(placement: Placement, first: str, second: str, index: dict[str, int]) 
 def _line(placement: Placement, a: int, b: int, pixel: np.ndarray) -> Float[np.ndarray, "n 2"]:
     """The ray of a pixel as the second camera sees it, NaN outside of its picture."""
     model = placement.model
-    turn, shift = model.poses[a, :, :3], model.poses[a, :, 3]
-    direction = pixel_rays(model.lenses[a], pixel[None])[0] @ turn
-    centre = -turn.T @ shift
-    other = -model.poses[b, :, :3].T @ model.poses[b, :, 3]
+    direction = pixel_rays(model.lenses[a], pixel[None])[0] @ model.poses[a, :, :3]
+    centre, other = camera_centre(model.poses[[a, b]])
     depth = np.geomspace(_NEAREST, _FARTHEST, _SAMPLES) * np.linalg.norm(other - centre)
     lens = model.lenses[b]
     pixels, _ = project_points(lens, model.poses[b], centre + depth[:, None] * direction)

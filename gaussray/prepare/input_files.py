@@ -54,7 +54,7 @@ def camera_folders(folder: Path, *, alone: bool) -> list[Path]:
     other = [path for path in held if holds_other_maps(path)]
     if not other or (alone and len(other) == len(held)):
         return folders
-    _warn(
+    warn_of_input(
         f"videos={folder}: {_listed(other)}: by the name no pictures of a camera (masks that are "
         "named as the pictures count as masks). Rename what is a camera."
     )
@@ -75,7 +75,7 @@ def photographs_in(folder: Path) -> list[Path]:
     other = list(itertools.compress(pictures, left_out))
     if not other:
         return pictures
-    _warn(
+    warn_of_input(
         f"videos={folder}: {len(other)} of {len(pictures)} files ({_listed(other)}) are by their "
         "names no pictures of a camera, and are left out. Rename what is; put masks into a folder "
         "masks, named as the pictures."
@@ -83,9 +83,10 @@ def photographs_in(folder: Path) -> list[Path]:
     return [path for path, out in zip(pictures, left_out, strict=True) if not out]
 
 
+def warn_of_input(text: str) -> None:
+    """Warn of an input folder, at the line two calls above the caller."""
+    warnings.warn(text, CaptureWarning, stacklevel=4)
+
+
 def _listed(paths: list[Path]) -> str:
     return first_of([path.name for path in paths], _NAMED)
-
-
-def _warn(text: str) -> None:
-    warnings.warn(text, CaptureWarning, stacklevel=4)

@@ -27,7 +27,7 @@ from gaussray.prepare.findings.points import point_findings
 from gaussray.prepare.findings.same_pictures import same_picture_findings
 from gaussray.prepare.given_lens import given_lenses
 from gaussray.prepare.leftovers import WORK_PREFIX, mark_work, remove_leftovers
-from gaussray.prepare.masks import check_masks, copy_masks
+from gaussray.prepare.masks import copy_masks
 from gaussray.prepare.media import copy_media
 from gaussray.prepare.options import PrepareOptions
 from gaussray.prepare.panels.failures import panels_in_errors
@@ -43,6 +43,7 @@ from gaussray.prepare.timeline import (
     tell_numbers,
     thinned_timeline,
 )
+from gaussray.prepare.video_masks import find_video_masks
 from gaussray.runtime.lock import locks_output
 from gaussray.runtime.progress import say
 
@@ -92,11 +93,11 @@ def prepare_capture(
     if len(sources) == 1 and not options.frames.rate and resampled(sources, timeline):
         used, count = len(timeline.times), sources[0].count
         say(f"{sources[0].name}: {used} of {count} frames are used; frames.rate takes others.")
-    check_masks(sources, out)
+    video_masks = find_video_masks(sources, out)
     # Pictures are about to be replaced: the poses of an earlier run must not stay beside them.
     (out / PINHOLE_FILE).unlink(missing_ok=True)
     files = copy_media(sources, timeline, out)
-    copy_masks(sources, timeline, files, needed=options.poses.masks)
+    copy_masks(sources, timeline, files, video_masks, out, needed=options.poses.masks)
     out.mkdir(parents=True, exist_ok=True)
     folder = tempfile.TemporaryDirectory(dir=out, prefix=WORK_PREFIX)
     with panels_in_errors(sources), folder as work, quiet_colmap():

@@ -1,13 +1,11 @@
 """The cameras of an input folder: a video or a folder of pictures each."""
 
 import dataclasses
-import warnings
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
-from gaussray.capture.errors import CaptureWarning
 from gaussray.capture.video_file import open_video, upright, video_stream
 from gaussray.capture.video_times import picture_ticks
 from gaussray.capture.videos import VIDEO_SUFFIXES
@@ -20,6 +18,7 @@ from gaussray.prepare.input_files import (
     files_in,
     photographs_in,
     unread_files,
+    warn_of_input,
 )
 from gaussray.prepare.names_of_cameras import pictures_by_camera
 from gaussray.prepare.panels.find import warn_of_panels
@@ -145,7 +144,7 @@ def find_sources(folder: Path | str) -> list[Source]:
     sources = sources or _photographs(folder, beside)
     unread = [path.name for place in (folder, *inside) for path in unread_files(place)]
     if sources and unread:
-        _warn(
+        warn_of_input(
             f"videos={folder}: {len(unread)} files of formats that are not read "
             f"({', '.join(unread[:_NAMED])}) are left out. Convert them to MP4 or JPEG if they "
             "are meant."
@@ -202,16 +201,12 @@ def _warn_of_counts(folder: Path, sources: list[Source]) -> None:
     few = min(counts, key=counts.__getitem__, default="")
     if counts and max(counts.values()) >= _UNEQUAL * counts[few]:
         many = max(counts, key=counts.__getitem__)
-        _warn(
+        warn_of_input(
             f"videos={folder}: {many} has {counted(counts[many], 'picture')} and {few} "
             f"{counts[few]}: as of cameras, at most {counts[few]} of each folder are used. Move "
             "folders that are no cameras out of the input; put photographs of a scene that stands "
             "still into one folder."
         )
-
-
-def _warn(text: str) -> None:
-    warnings.warn(text, CaptureWarning, stacklevel=4)
 
 
 def _video(name: str, path: Path) -> Source:
@@ -264,7 +259,7 @@ def _photographs(folder: Path, pictures: list[Path]) -> list[Source]:
     names = list(named.cameras)
     cameras = f"the pictures are of {len(names)} cameras ({first_of(names)})"
     if not named.together:
-        _warn(
+        warn_of_input(
             f"videos={folder}: by their names {cameras}, but they are taken as photographs of a "
             "scene that stands still. If they are not, put each camera's pictures into a folder "
             "of its own."

@@ -14,6 +14,7 @@ from gaussray.prepare.lens_models import (
     from_colmap,
     to_colmap,
 )
+from gaussray.prepare.pose_math import camera_centre
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -152,8 +153,7 @@ def camera_of(lens: LensKeyValues) -> Any:
 
 def camera_centres(model: SparseModel) -> Float[np.ndarray, "pictures 3"]:
     """Positions of the cameras in world space."""
-    turns, shifts = model.poses[:, :, :3], model.poses[:, :, 3]
-    return -np.einsum("nji,nj->ni", turns, shifts)
+    return camera_centre(model.poses)
 
 
 def kept_pictures(model: SparseModel, keep: Bool[np.ndarray, " pictures"]) -> SparseModel:

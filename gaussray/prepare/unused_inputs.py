@@ -1,15 +1,13 @@
 """What of an input folder is not used, and what is told of it."""
 
 import re
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
-from gaussray.capture.errors import CaptureWarning
 from gaussray.capture.side_folders import holds_other_maps
 from gaussray.capture.videos import VIDEO_SUFFIXES
 from gaussray.prepare.errors import PrepareError
-from gaussray.prepare.input_files import MEDIA_SUFFIXES, files_in
+from gaussray.prepare.input_files import MEDIA_SUFFIXES, files_in, warn_of_input
 from gaussray.prepare.photographs import PHOTOGRAPH_SUFFIXES
 from gaussray.runtime.output import counted, first_of
 from gaussray.runtime.progress import say
@@ -48,7 +46,7 @@ def without_fewer(folder: Path, beside: list[Path], inside: list[Path]) -> list[
     if not held or len(beside) <= count or any(files_in(path, VIDEO_SUFFIXES) for path in held):
         return inside
     folders = first_of([path.name for path in held])
-    _warn(
+    warn_of_input(
         f"videos={folder}: the {len(beside)} pictures in this folder are used, and not the {count} "
         f"in its folder{'s' * (len(held) != 1)} {folders}. If those are meant, name their folder; "
         "if both are, move the others into a folder of their own."
@@ -65,7 +63,7 @@ def warn_of_unused(folder: Path, beside: list[Path], names: list[str]) -> None:
         names: names of the cameras.
     """
     one = len(beside) == 1
-    _warn(
+    warn_of_input(
         f"videos={folder}: {counted(len(beside), 'picture')} beside "
         f"{counted(len(names), 'camera')} ({first_of(names)}) {'is' if one else 'are'} not used. "
         f"If {'it is' if one else 'they are'} meant, move {'it' if one else 'them'} into a folder "
@@ -127,7 +125,3 @@ def check_one_video(inside: Sequence[Path]) -> None:
         f"{several}: the folder of a camera must hold one video, got {', '.join(names[several])}. "
         f"{remedy}, and move the others out of the input."
     )
-
-
-def _warn(text: str) -> None:
-    warnings.warn(text, CaptureWarning, stacklevel=4)

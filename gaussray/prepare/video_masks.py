@@ -1,6 +1,6 @@
 """Masks of a video's frames: a video of masks, or a numbered picture for each frame."""
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,7 @@ from gaussray.capture.videos import VIDEO_SUFFIXES
 from gaussray.dataset.images import write_image
 from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.input_files import files_in
+from gaussray.prepare.mask_record import recorded_masks
 from gaussray.prepare.photographs import PHOTOGRAPH_SUFFIXES
 from gaussray.prepare.sources import Source
 from gaussray.prepare.unused_inputs import MASK_MARK, camera_videos
@@ -20,6 +21,31 @@ from gaussray.runtime.output import first_of
 
 
 MASK_FOLDERS = (MASK_FOLDER, "mask")
+
+
+def find_video_masks(sources: Sequence[Source], out: Path) -> dict[str, Path | None]:
+    """The masks of each camera that is a video (`masks_of_video`) by its name; None if it has none.
+
+    Args:
+        sources: the cameras.
+        out: the capture's folder, of which nothing has been changed yet.
+
+    Raises:
+        PrepareError: A video has several, or they lie where those of the capture are written.
+    """
+    home = out / MASK_FOLDER
+    ours = recorded_masks(home)
+    found: dict[str, Path | None] = {}
+    for source in sources:
+        if source.is_video:
+            masks, target = masks_of_video(source, ours), home / source.name
+            if masks is not None and target.is_dir() and masks.samefile(target):
+                raise PrepareError(
+                    f"{masks}: the masks of {source.path} must not lie in the folder that is "
+                    f"written, got out={out}. Choose another folder as out."
+                )
+            found[source.name] = masks
+    return found
 
 
 def masks_of_video(source: Source, ours: Collection[Path] = ()) -> Path | None:

@@ -17,6 +17,7 @@ from gaussray.prepare.options import FramesOptions, SyncOptions
 from gaussray.prepare.sources import find_sources
 from gaussray.prepare.sync import synchronise
 from gaussray.prepare.timeline import common_timeline
+from gaussray.prepare.video_masks import find_video_masks
 
 
 BLACK = np.zeros((32, 48, 3), np.uint8)
@@ -34,8 +35,9 @@ def copied(folder, out, needed=False):
     """What `prepare` does with an input folder before it looks for poses."""
     sources = find_sources(folder)
     timeline = common_timeline(sources, synchronise(sources, SyncOptions()), FramesOptions())
+    video_masks = find_video_masks(sources, out)
     files = copy_media(sources, timeline, out)
-    copy_masks(sources, timeline, files, needed=needed)
+    copy_masks(sources, timeline, files, video_masks, out, needed=needed)
     return [path for name in files for path in files[name]]
 
 

@@ -12,12 +12,13 @@ from gaussray.capture.frames import visible_pixels
 from gaussray.capture.open import open_capture
 from gaussray.dataset.images import write_image
 from gaussray.prepare.errors import PrepareError
-from gaussray.prepare.masks import check_masks, copy_masks, written_mask
+from gaussray.prepare.masks import copy_masks, written_mask
 from gaussray.prepare.media import copy_media
 from gaussray.prepare.options import FramesOptions, SyncOptions
 from gaussray.prepare.sources import find_sources
 from gaussray.prepare.sync import synchronise
 from gaussray.prepare.timeline import common_timeline
+from gaussray.prepare.video_masks import find_video_masks
 
 
 HEIGHT, WIDTH, COUNT = 32, 48, 6
@@ -56,8 +57,9 @@ def copied(folder, out, needed=False, rate=0.0):
     sources = find_sources(folder)
     options = FramesOptions(rate=rate)
     timeline = common_timeline(sources, synchronise(sources, SyncOptions()), options)
+    video_masks = find_video_masks(sources, out)
     files = copy_media(sources, timeline, out)
-    copy_masks(sources, timeline, files, needed=needed)
+    copy_masks(sources, timeline, files, video_masks, out, needed=needed)
     return files
 
 
@@ -246,12 +248,12 @@ def test_masks_in_the_folder_that_is_written_are_refused_and_kept(tmp_path):
     before = kept_bytes(tmp_path)
     sources = find_sources(tmp_path / "videos")
     with pytest.raises(PrepareError, match="masks/cam0: the masks of .*cam0.mp4 must not lie in"):
-        check_masks(sources, tmp_path)
+        find_video_masks(sources, tmp_path)
     assert kept_bytes(tmp_path) == before
-    with pytest.raises(PrepareError, match="must not lie in the folder that is written"):
-        copied(tmp_path / "videos", tmp_path)
-    assert before.items() <= kept_bytes(tmp_path).items()
-    check_masks(sources, tmp_path / "out")
+    assert find_video_masks(sources, tmp_path / "out") == {
+        "cam0": tmp_path / "masks/cam0",
+        "cam1": None,
+    }
 
 
 @pytest.mark.filterwarnings(OTHER_FOLDER)

@@ -20,18 +20,19 @@ from gaussray.capture.formats.sfm_project import (
     LENS_TYPES,
     LensType,
     Photograph,
-    begins_with,
     fullest_project,
     lens_remedy,
     project_capture,
+    projects_in,
     rotation_in,
     warn_of_projects,
 )
 from gaussray.capture.formats.transforms import json_object
 
 
-# Where projects are, in a capture's folder.
+# Where projects are, in a capture's folder, and what their heads have.
 SFM_FILES = ("*.sfm", "MeshroomCache/StructureFromMotion/*/*.sfm")
+_HEAD = rb'^\s*\{[^{]*"version"'
 # Names of results of structure from motion.
 _RESULTS = ("sfm.sfm", "cameras.sfm")
 _REMEDY = lens_remedy("Meshroom", "aliceVision_exportColmap")
@@ -62,7 +63,7 @@ def alicevision_file(folder: Path) -> Path | None:
     Of several it is one with the name of a result of structure from motion (`sfm.sfm`,
     `cameras.sfm`), then the one with most poses, then the one with points.
     """
-    return fullest_project(_projects(folder), _rank)
+    return fullest_project(projects_in(folder, SFM_FILES, _HEAD), _rank)
 
 
 def read_alicevision(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
@@ -82,11 +83,12 @@ def read_alicevision(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capt
         FileNotFoundError: there is no such file.
     """
     folder = Path(folder)
-    path = alicevision_file(folder)
+    projects = projects_in(folder, SFM_FILES, _HEAD)
+    path = fullest_project(projects, _rank)
     if path is None:
         raise FileNotFoundError(f"{folder}: holds no project of AliceVision ({SFM_FILES[0]}).")
     top = Keys(path, json_object(path))
-    warn_of_projects(top, _projects(folder))
+    warn_of_projects(top, projects)
     lists = (("intrinsics", "intrinsicId"), ("poses", "poseId"), ("rigs", "rigId"))
     project = _Project(_version(top), *(_by_number(top, *names) for names in lists))
     views = listed_blocks(top, "views", "view")
@@ -96,11 +98,6 @@ def read_alicevision(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capt
     colors = [point.values.get("color") for point in points]
     given = given_points(top, "structure", positions, colors)
     return project_capture(folder, top, listed, given, dtype)
-
-
-def _projects(folder: Path) -> list[Path]:
-    paths = (path for place in SFM_FILES for path in sorted(folder.glob(place)))
-    return [path for path in paths if begins_with(path, rb'^\s*\{[^{]*"version"')]
 
 
 def _rank(path: Path, content: Mapping) -> tuple[int, ...]:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from gaussray.capture.camera_matrix import SLIGHT_SKEW
 from gaussray.capture.errors import CaptureError
 from gaussray.capture.formats.json_keys import Keys
 from gaussray.capture.formats.lenses import INTRINSICS
@@ -24,8 +25,6 @@ _COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3")
 _COMMENT = re.compile(r"(?:^|\s)#")
 # How Microsoft's compilers write what is no number, or infinite.
 _NOT_FINITE = re.compile(r"[-+]?(?:1\.#[A-Z]+\d*|nan\(\w*\))", re.IGNORECASE)
-# Of the focal length: skew below comes from rounding.
-_SKEW = 1e-3
 
 
 def lines_of(text: bytes) -> list[tuple[int, str]]:
@@ -115,7 +114,13 @@ def lens_of_matrix(
     """
     (fx, skew, cx), (zero, fy, cy), last = matrix
     finite = bool(np.isfinite(matrix).all())
-    if not finite or min(fx, fy) <= 0 or abs(skew) > _SKEW * fx or zero or list(last) != [0, 0, 1]:
+    if (
+        not finite
+        or min(fx, fy) <= 0
+        or abs(skew) > SLIGHT_SKEW * fx
+        or zero
+        or list(last) != [0, 0, 1]
+    ):
         shown = Keys(keys.file, {key: matrix.tolist()}, keys.frame, keys.prefix, keys.kind)
         raise shown.error(key, "[fx 0 cx; 0 fy cy; 0 0 1] in pixels, with fx and fy above 0")
     return {

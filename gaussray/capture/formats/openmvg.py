@@ -17,18 +17,19 @@ from gaussray.capture.formats.sfm_project import (
     LENS_TYPES,
     LensType,
     Photograph,
-    begins_with,
     fullest_project,
     lens_remedy,
     project_capture,
+    projects_in,
     rotation_in,
     warn_of_projects,
 )
 from gaussray.capture.formats.transforms import json_object
 
 
-# Where projects are, in a capture's folder.
+# Where projects are, in a capture's folder, and what their heads have.
 SFM_DATA_FILES = ("sfm_data.json", "*/sfm_data.json")
+_HEAD = rb'^\s*\{[^{]*"sfm_data_version"'
 _REMEDY = lens_remedy("OpenMVG", "openMVG_main_openMVG2Colmap")
 # Types by their names, and where they have their coefficients.
 _SPHERE = "spherical"
@@ -47,7 +48,7 @@ _FIRST = 0x80000000
 def openmvg_file(folder: Path) -> Path | None:
     """The project of OpenMVG in a folder, or in a folder of it; None if there is none. Of several
     it is the one with most poses."""
-    return fullest_project(_projects(folder), _rank)
+    return fullest_project(projects_in(folder, SFM_DATA_FILES, _HEAD), _rank)
 
 
 def read_openmvg(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
@@ -67,11 +68,12 @@ def read_openmvg(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
         FileNotFoundError: there is no such file.
     """
     folder = Path(folder)
-    path = openmvg_file(folder)
+    projects = projects_in(folder, SFM_DATA_FILES, _HEAD)
+    path = fullest_project(projects, _rank)
     if path is None:
         raise FileNotFoundError(f"{folder}: holds no {SFM_DATA_FILES[0]} of OpenMVG.")
     top = Keys(path, json_object(path))
-    warn_of_projects(top, _projects(folder))
+    warn_of_projects(top, projects)
     views = [block_in(view, "value") for view in listed_blocks(top, "views", "view")]
     lenses, poses = dict(_by_key(top, "intrinsics")), dict(_by_key(top, "extrinsics"))
     names = _type_names([*views, *lenses.values()])
@@ -81,11 +83,6 @@ def read_openmvg(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
     positions = [block.values.get("X") for _, block in _by_key(top, "structure")]
     points = given_points(top, "structure", positions, None)
     return project_capture(folder, top, listed, points, dtype)
-
-
-def _projects(folder: Path) -> list[Path]:
-    paths = (path for place in SFM_DATA_FILES for path in sorted(folder.glob(place)))
-    return [path for path in paths if begins_with(path, rb'^\s*\{[^{]*"sfm_data_version"')]
 
 
 def _rank(path: Path, content: Mapping) -> tuple[int, ...]:

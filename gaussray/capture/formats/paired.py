@@ -136,7 +136,19 @@ def read_cameras(path: Path | str, dtype: DTypeLike = jnp.float32) -> list[View]
     Raises:
         CaptureError: the file contradicts the format; the message names frame, key and remedy.
     """
-    top = read_document(Path(path))
+    return cameras_in(read_document(Path(path)), dtype)
+
+
+def cameras_in(top: Keys, dtype: DTypeLike = jnp.float32) -> list[View]:
+    """The views of all frames of a document, for their cameras alone (`read_cameras`).
+
+    Args:
+        top: the top level of the document (`read_document`).
+        dtype: type of the cameras' numbers.
+
+    Raises:
+        CaptureError: the document contradicts the format; the message names frame, key and remedy.
+    """
     no_files = dict.fromkeys(("mask_path", "depth_file_path"))
     frames = []
     for frame in frames_of(top):

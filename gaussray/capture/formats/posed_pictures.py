@@ -12,6 +12,7 @@ from gaussray.capture.errors import CaptureError
 from gaussray.capture.formats.completion import completed
 from gaussray.capture.formats.json_keys import Keys
 from gaussray.capture.formats.poses import opengl_pose
+from gaussray.capture.formats.time_order import check_later
 from gaussray.capture.formats.transforms import points_of, views_of
 from gaussray.io.safe.limits import within
 
@@ -19,8 +20,6 @@ from gaussray.io.safe.limits import within
 # In seconds: a picture has a pose if one of the trajectory is at most so far from it (as TUM's
 # associate.py), which is interpolated if its neighbours are at most so far from each other.
 NEAREST, BRIDGED = 0.02, 0.1
-# No picture is later: in single precision such times would be infinite.
-_LATEST = 1e30
 # The farthest position. Its square is beyond single precision, the position itself is not.
 _FAR = 1e30
 # The least of a quaternion's length.
@@ -200,8 +199,5 @@ def _check_times(top: Keys, pictures: Sequence[PosedPicture]) -> None:
     for picture in pictures:
         keys = Keys(top.file, {"time": picture.time}, prefix=f"{picture.path}: ")
         last = before.get(picture.camera, -np.inf)
-        if not abs(picture.time) < _LATEST:
-            raise keys.error("time", f"at most {_LATEST:g} seconds from 0")
-        if picture.time <= last:
-            raise keys.error("time", f"later than {last:.17g}, that of the picture before")
+        check_later(keys, "time", picture.time, last, "that of the picture before")
         before[picture.camera] = picture.time

@@ -12,6 +12,7 @@ from gaussray.capture.capture import Capture
 from gaussray.capture.errors import CaptureError
 from gaussray.capture.formats.json_keys import Keys
 from gaussray.capture.formats.poses import quaternion_turn
+from gaussray.capture.formats.time_order import check_later
 from gaussray.capture.formats.transforms import json_if_readable, points_of, views_of
 from gaussray.io.safe.limits import within
 
@@ -20,9 +21,9 @@ from gaussray.io.safe.limits import within
 METADATA_FILES = ("metadata.json", "metadata")
 _PICTURES = ("rgb", "rgbd")
 _KEYS = ("w", "h", "K", "poses")
-# No frame is later, in seconds, and no rate of frames higher: in single precision such times would
-# be infinite, or all 0.
-_LATEST, _FASTEST = 1e30, 1e20
+# No rate of frames is higher: in single precision such times would be all 0; of its inverse and
+# lower ones they may be infinite.
+_FASTEST = 1e20
 _POSE = "a list of seven numbers: the quaternion x, y, z, w, which is not zero, and the position"
 
 
@@ -103,10 +104,7 @@ def _check_times(path: Path, times: Sequence[float]) -> None:
     before = -np.inf
     for k, time in enumerate(times):
         keys = Keys(path, {"frameTimestamps": time}, k)
-        if abs(time) > _LATEST:
-            raise keys.error("frameTimestamps", f"at most {_LATEST:g} seconds from 0")
-        if time <= before:
-            raise keys.error("frameTimestamps", f"later than {before:.17g}, that of frame {k - 1}")
+        check_later(keys, "frameTimestamps", time, before, f"that of frame {k - 1}")
         before = time
 
 

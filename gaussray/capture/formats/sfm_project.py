@@ -98,6 +98,18 @@ def begins_with(path: Path, pattern: bytes) -> bool:
     return re.search(pattern, head_of(path)) is not None
 
 
+def projects_in(folder: Path, places: Iterable[str], head: bytes) -> list[Path]:
+    """The projects of a program in a folder.
+
+    Args:
+        folder: the capture's folder.
+        places: patterns of their paths in it, in the order of the result.
+        head: a regular expression of what their heads have (`begins_with`).
+    """
+    paths = (path for place in places for path in sorted(folder.glob(place)))
+    return [path for path in paths if begins_with(path, head)]
+
+
 def fullest_project(
     paths: Sequence[Path], rank: Callable[[Path, Mapping], tuple[int, ...]]
 ) -> Path | None:

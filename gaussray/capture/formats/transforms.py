@@ -99,7 +99,7 @@ def views_of(top: Keys, frames: list[Keys], dtype: DTypeLike = jnp.float32) -> l
     Raises:
         CaptureError: a frame contradicts the format; the message names file, frame and key.
     """
-    _check_times(top, frames)
+    _demand_times(top, frames)
     _warn_splits(top, frames)
     frames = with_camera_names(frames)
     fixed = [None if frame.has("trajectory") else frame.pose() for frame in frames]
@@ -240,7 +240,7 @@ def _split(keys: Keys) -> str:
     return "test" if any(path in names for names in listed) else "train"
 
 
-def _check_times(top: Keys, frames: list[Keys]) -> None:
+def _demand_times(top: Keys, frames: list[Keys]) -> None:
     if frames and not any(frame.has("time") for frame in frames):
         if top.values.get("static") is not True:
             top.warn("no frame has a time: the capture is taken as static, at time 0.")

@@ -8,7 +8,6 @@ from typing import Any
 from gaussray.capture.formats.transforms import json_if_readable
 from gaussray.prepare.calibrations.camera_text import is_camera_text, text_camera
 from gaussray.prepare.calibrations.camera_values import plain_camera, tell_readings
-from gaussray.prepare.calibrations.kalibr import yaml_content
 from gaussray.prepare.calibrations.known_camera import Calibration
 from gaussray.prepare.calibrations.named_cameras import is_by_value
 from gaussray.prepare.calibrations.opencv_json import is_opencv_camera, read_opencv_camera
@@ -17,6 +16,7 @@ from gaussray.prepare.calibrations.opencv_pose import found_pose
 from gaussray.prepare.calibrations.opencv_storage import is_small_storage, storage_values
 from gaussray.prepare.calibrations.stereo_pair import is_stereo_calibration
 from gaussray.prepare.calibrations.value_names import PROJECTION_NAMES
+from gaussray.prepare.calibrations.yaml_file import yaml_content
 from gaussray.prepare.errors import PrepareError
 
 

@@ -6,7 +6,7 @@ from typing import Any
 from gaussray.prepare.calibrations.distortions import common_distortions, distortions_in
 from gaussray.prepare.calibrations.lens_labels import LABEL_MEANINGS, labels_in
 from gaussray.prepare.calibrations.opencv_numbers import numbers_under
-from gaussray.prepare.calibrations.opencv_pose import ways_in
+from gaussray.prepare.calibrations.opencv_pose import pose_direction_labels
 from gaussray.prepare.calibrations.picture_sizes import SMALLEST, sides_in, sizes_in
 from gaussray.prepare.calibrations.value_names import VALUE_NAMES, plain_key
 
@@ -23,7 +23,7 @@ def common_values(content: Any) -> dict[str, Any]:
         return {}
     labels = labels_in(content)
     labels = {key: value for key, value in labels.items() if not isinstance(value, Mapping)}
-    result = {**labels, **common_distortions(content), **ways_in(content)}
+    result = {**labels, **common_distortions(content), **pose_direction_labels(content)}
     sizes = sizes_in(content)
     named = {key for key in sizes if plain_key(key) not in ("size", *_PLAIN_SIDES)}
     plain = {key for key in sizes if plain_key(key) == "size"}
@@ -45,7 +45,7 @@ def with_common(camera: Mapping[str, Any], common: Mapping[str, Any]) -> dict[st
         common: values of all (`common_values`).
     """
     result = dict(camera)
-    for names in (sizes_in, distortions_in, ways_in, *LABEL_MEANINGS):
+    for names in (sizes_in, distortions_in, pose_direction_labels, *LABEL_MEANINGS):
         own, others = names(camera), names(common)
         if others and not any(map(_is_said, own.values())):
             result = {key: value for key, value in result.items() if key not in own} | others

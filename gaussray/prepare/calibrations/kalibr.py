@@ -5,16 +5,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
-from gaussray.io.safe.aliases import check_aliases
-from gaussray.io.safe.files import read_text
 from gaussray.prepare.calibrations.known_camera import (
     ALL_KINDS,
     KnownCamera,
     check_name,
     opencv_camera,
 )
+from gaussray.prepare.calibrations.yaml_file import yaml_content
 from gaussray.prepare.errors import PrepareError
 
 
@@ -53,20 +51,6 @@ def read_kalibr(path: Path) -> list[KnownCamera]:
             pose = _numbers(path, name, block, "T_cn_cnm1", 16).reshape(4, 4) @ pose
         cameras.append(_camera(path, check_name(path, name), block, pose[:3]))
     return cameras
-
-
-def yaml_content(path: Path) -> Any:
-    """What a YAML file holds.
-
-    Raises:
-        PrepareError: It is no YAML.
-    """
-    text = read_text(path).decode("utf-8-sig", "replace")
-    try:
-        check_aliases(path, text)
-        return yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise PrepareError(f"{path}: must be YAML, got {str(error)[:200]}. {_REMEDY}") from None
 
 
 def is_chain(content: Any) -> bool:

@@ -9,14 +9,10 @@ from gaussray.capture.formats.json_keys import Keys
 from gaussray.capture.formats.transforms import json_content
 from gaussray.io.safe.arrays import Damaged, read_npz
 from gaussray.io.safe.files import read_text
-from gaussray.prepare.calibrations.camera_values import (
-    has_matrix,
-    plain_camera,
-    tell_few_coefficients,
-)
+from gaussray.prepare.calibrations.camera_values import has_matrix, tell_few_coefficients
 from gaussray.prepare.calibrations.known_camera import check_name
 from gaussray.prepare.calibrations.lens_values import camera_of_values
-from gaussray.prepare.calibrations.named_cameras import is_by_value, named_cameras
+from gaussray.prepare.calibrations.named_cameras import named_cameras, whole_camera
 from gaussray.prepare.calibrations.nerfstudio import frame_lens, read_nerfstudio
 from gaussray.prepare.calibrations.opencv_storage import is_storage, storage_values
 from gaussray.prepare.calibrations.opencv_yaml import read_opencv_yaml
@@ -92,8 +88,8 @@ def _lenses(path: Path, content: Mapping[str, Any] | list) -> dict[str, LensKeyV
             return {camera.name: camera.lens for camera in read_nerfstudio(path)}
         if any(key in content for key in _CAPTURE):
             return {path.stem: frame_lens(Keys(path, dict(content)))}
-        camera = {} if is_by_value(content) else plain_camera(path, content)
-        if has_matrix(camera):
+        camera = whole_camera(path, content)
+        if camera is not None and has_matrix(camera):
             lens = camera_of_values(path, path.name, camera).lens
             tell_few_coefficients(path, [camera])
             return {path.stem: lens}

@@ -43,16 +43,32 @@ def is_by_value(content: Any) -> bool:
     """Whether an object has an object for each value, with that of each camera by its name; two of
     these share a name. Objects that have a lens each are cameras, one of which may be called K."""
     blocks = _blocks(content)
-    if all(_has_lens("", block) for block in blocks.values()):
+    if all(_makes_camera("", block) for block in blocks.values()):
         return False
     lenses = [block for key, block in blocks.items() if plain_key(key) in VALUE_NAMES["matrix"]]
     return any(
-        name in other and plain_key(name) != "matrix" and _has_lens("K", value)
+        name in other and plain_key(name) != "matrix" and _makes_camera("K", value)
         for lens in lenses
         for name, value in lens.items()
         for other in blocks.values()
         if other is not lens
     )
+
+
+def whole_camera(path: Path, content: Any) -> dict[str, Any] | None:
+    """The values of an object as those of one camera (`plain_camera`), which may have no matrix;
+    None of what is no object, or has an object for each value (`is_by_value`).
+
+    Args:
+        path: the file, for messages.
+        content: what it holds, or a part of that.
+
+    Raises:
+        PrepareError: The values contradict each other.
+    """
+    if not isinstance(content, Mapping) or is_by_value(content):
+        return None
+    return plain_camera(path, content)
 
 
 def _listed(path: Path, content: Any) -> dict[str, dict[str, Any]]:
@@ -116,8 +132,11 @@ def _blocks(content: Any) -> dict[str, Mapping[str, Any]]:
     }
 
 
-def _has_lens(key: str, value: Any) -> bool:
-    """Whether a value is a camera's matrix, or has one in it."""
+def _makes_camera(key: str, value: Any) -> bool:
+    """Whether a value is a camera's matrix under its key, or a camera: an object that has one.
+
+    Values that contradict each other (`plain_camera`) are of a camera.
+    """
     try:
         return has_matrix(plain_camera("", {key: value})) or (
             isinstance(value, Mapping) and has_matrix(plain_camera("", value))

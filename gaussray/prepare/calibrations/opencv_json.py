@@ -4,10 +4,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NoReturn
 
-from gaussray.prepare.calibrations.camera_values import has_matrix, plain_camera, tell_readings
+from gaussray.prepare.calibrations.camera_values import has_matrix, tell_readings
 from gaussray.prepare.calibrations.known_camera import Calibration, KnownCamera, check_name
 from gaussray.prepare.calibrations.lens_values import camera_of_values
-from gaussray.prepare.calibrations.named_cameras import is_by_value, named_cameras
+from gaussray.prepare.calibrations.named_cameras import named_cameras, whole_camera
 from gaussray.prepare.calibrations.opencv_pose import (
     NO_POSE,
     POSE_REMEDY,
@@ -39,10 +39,10 @@ def opencv_cameras(path: Path, content: Any) -> Calibration | None:
         PrepareError: Numbers make no camera, no camera has a pose, two have one name or one of a
             list has none, or the file has one camera alone.
     """
-    if isinstance(content, Mapping) and not is_by_value(content):
-        _refuse_single(path, plain_camera(path, content))
-        if isinstance(inner := content.get("cameras"), Mapping) and not is_by_value(inner):
-            _refuse_single(path, plain_camera(path, inner))
+    if (camera := whole_camera(path, content)) is not None:
+        _refuse_single(path, camera)
+        if (camera := whole_camera(path, content.get("cameras"))) is not None:
+            _refuse_single(path, camera)
     listed = named_cameras(path, content)
     found = {name: one for name, one in listed.items() if is_opencv_camera(one)}
     left_out = {name: NO_POSE for name in listed if name not in found}

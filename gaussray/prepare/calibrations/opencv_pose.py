@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from gaussray.prepare.calibrations.opencv_numbers import numbers_under
 from gaussray.prepare.calibrations.value_names import VALUE_NAMES, plain_key
 from gaussray.prepare.errors import PrepareError
+from gaussray.prepare.pose_math import inverse_pose
 from gaussray.runtime.progress import say
 
 
@@ -68,7 +69,7 @@ def found_pose(values: Mapping[str, Any]) -> FoundPose | None:
     return None
 
 
-def ways_in(values: Mapping[str, Any]) -> dict[str, Any]:
+def pose_direction_labels(values: Mapping[str, Any]) -> dict[str, Any]:
     """The texts among values that may say which way poses are, and their axes.
 
     Args:
@@ -79,7 +80,7 @@ def ways_in(values: Mapping[str, Any]) -> dict[str, Any]:
 
 def _is_said_inverse(values: Mapping[str, Any]) -> bool:
     """Whether a text says that poses are from camera to world."""
-    texts = [plain_key(text) for text in ways_in(values).values()]
+    texts = [plain_key(text) for text in pose_direction_labels(values).values()]
     return any(name in text for text in texts for name in _CAMERA_TO_WORLD)
 
 
@@ -93,7 +94,7 @@ def refuse_other_axes(where: object, values: Mapping[str, Any]) -> None:
     Raises:
         PrepareError: They do.
     """
-    for key, text in ways_in(values).items():
+    for key, text in pose_direction_labels(values).items():
         if any(word in plain_key(text) for word in _OTHER_AXES):
             raise PrepareError(
                 f"{where}: poses must have OpenCV's axes (x right, y down, z forward), got {key}: "
@@ -120,11 +121,10 @@ def world_to_camera(where: object, name: object, pose: FoundPose) -> Float[np.nd
             f"{matrix[3].tolist()}. {'Is it transposed? ' if transposed else ''}Write it row by "
             "row, with t as its last column."
         )
-    turn, shift = matrix[:3, :3], matrix[:3, 3]
     if not pose.inverse:
-        return np.column_stack([turn, shift])
+        return matrix[:3]
     with np.errstate(all="ignore"):  # numbers that are too large are told of by `opencv_camera`
-        return np.column_stack([turn.T, -turn.T @ shift])
+        return inverse_pose(matrix[:3])
 
 
 def say_poses(where: object, poses: Iterable[FoundPose]) -> None:

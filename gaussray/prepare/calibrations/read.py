@@ -19,7 +19,7 @@ from gaussray.prepare.calibrations.camera_text import (
     text_cameras,
 )
 from gaussray.prepare.calibrations.camera_values import has_matrix
-from gaussray.prepare.calibrations.kalibr import is_chain, read_kalibr, yaml_content
+from gaussray.prepare.calibrations.kalibr import is_chain, read_kalibr
 from gaussray.prepare.calibrations.known_camera import (
     ALL_KINDS,
     JSON_RECIPE,
@@ -48,6 +48,7 @@ from gaussray.prepare.calibrations.stereo_pair import (
     is_stereo_calibration,
     stereo_cameras,
 )
+from gaussray.prepare.calibrations.yaml_file import yaml_content
 from gaussray.prepare.errors import PrepareError
 from gaussray.runtime.progress import say
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from gaussray.prepare.calibrations.known_camera import KnownCamera
+from gaussray.prepare.pose_math import camera_centre
 
 
 # Poses are the same if no number of the rotations differs by more, nor the places by more of their
@@ -19,7 +20,7 @@ def pairs_of_one_pose(cameras: Mapping[str, KnownCamera]) -> list[tuple[str, str
     Args:
         cameras: calibrated cameras by name.
     """
-    position = {name: -camera.pose[:, :3].T @ camera.pose[:, 3] for name, camera in cameras.items()}
+    position = {name: camera_centre(camera.pose) for name, camera in cameras.items()}
     far = max((float(np.linalg.norm(centre)) for centre in position.values()), default=0.0)
 
     def same(one: str, two: str) -> bool:

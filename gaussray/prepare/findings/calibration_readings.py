@@ -15,6 +15,7 @@ from gaussray.prepare.findings.pair_distances import (
 )
 from gaussray.prepare.lens_models import LensKeyValues
 from gaussray.prepare.placed_cameras import picture_name
+from gaussray.prepare.pose_math import inverse_pose
 from gaussray.prepare.poses import Placement
 from gaussray.prepare.sparse_model import SparseModel
 
@@ -107,7 +108,7 @@ def _other_poses(
     poses: Float[np.ndarray, "pictures 3 4"], everyone: bool
 ) -> Iterator[tuple[Float[np.ndarray, "pictures 3 4"], str]]:
     """Poses read otherwise, and what that says of them; units tell nothing if all have one."""
-    inverse = np.stack([_inverse(pose) for pose in poses])
+    inverse = inverse_pose(poses)
     yield inverse, "R and t are camera-to-world: invert them"
     yield _FLIP @ poses, "the cameras' axes are OpenGL's: negate the rows of y and z"
     yield (
@@ -118,11 +119,6 @@ def _other_poses(
     for factor in () if everyone else (1000.0, 0.001):
         scaled = np.concatenate([poses[:, :, :3], factor * poses[:, :, 3:]], axis=2)
         yield scaled, f"t has another unit: multiply it by {factor:g}"
-
-
-def _inverse(pose: Float[np.ndarray, "3 4"]) -> Float[np.ndarray, "3 4"]:
-    """The inverse of a rotation and shift."""
-    return np.column_stack([pose[:, :3].T, -pose[:, :3].T @ pose[:, 3]])
 
 
 def _scaled(lens: LensKeyValues, factor: float) -> LensKeyValues:

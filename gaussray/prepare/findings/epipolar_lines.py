@@ -18,7 +18,7 @@ from gaussray.prepare.findings.pair_distances import (
     EVIDENCE,
     PairDistance,
     pair_distances,
-    telling_pairs,
+    pairs_with_enough_matches,
 )
 from gaussray.prepare.placed_cameras import picture_name
 from gaussray.prepare.poses import Placement
@@ -112,7 +112,7 @@ def _cause(placement: Placement, limit: float, doubtful: bool) -> tuple[str, str
         limit: largest distance in pixels that fits.
         doubtful: whether most pairs are off.
     """
-    files, told = placement.model.pictures, telling_pairs(placement)
+    files, told = placement.model.pictures, pairs_with_enough_matches(placement)
     distances = pair_distances(placement, told)
     odd, words = _contradicting(placement, distances, limit)
     if odd:

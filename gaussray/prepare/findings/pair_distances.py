@@ -25,7 +25,7 @@ class PairDistance(NamedTuple):
     median: float
 
 
-def telling_pairs(placement: Placement) -> list[tuple[str, str]]:
+def pairs_with_enough_matches(placement: Placement) -> list[tuple[str, str]]:
     """Pairs of files of registered pictures that share enough matches to tell something."""
     registered = set(placement.model.pictures)
     return [

@@ -205,6 +205,7 @@ def test_a_camera_of_the_panoptic_studio_needs_all_its_numbers(tmp_path, changes
         ("a.xml", "<?xml version='1.0'?><opencv_storage/>", "got no keys. Write a file for"),
         ("a.qca.txt", "<calibration/>", "must list cameras"),
         ("a.xml", "<!DOCTYPE x><x/>", "must not declare entities"),
+        ("a.yaml", "a: [", "Give the file as its program has written it."),
         ("a.yaml", "[]", "as Kalibr does"),
         ("a.yaml", "cam0: {camera_model: omni}", "must be a pinhole"),
         (
