@@ -233,7 +233,7 @@ def known_sizes():
     share what is compiled. Where they are too short after all, they grow as ever."""
     from gaussray.reconstruct import step_setup
     from gaussray.reconstruct.block_sizes import BlockSizes
-    from gaussray.reconstruct.simplify import measure as simplify
+    from gaussray.reconstruct.simplify import candidate_meter
     from gaussray.render import renderer as render
     from gaussray.tracer.options import grid_levels
     from gaussray.tracer.traverse import Capacity
@@ -260,5 +260,5 @@ def known_sizes():
         patch.setattr(render, "staged_capacity", of_stages)
         patch.setattr(render, "single_program_capacity", of_program)
         patch.setattr(step_setup, "measure_sizes", of_block)
-        patch.setattr(simplify, "measure", of_candidate)
+        patch.setattr(candidate_meter, "measure", of_candidate)
         yield

@@ -9,36 +9,29 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, UInt16
+from jaxtyping import UInt16
 
 from gaussray.capture.errors import CaptureWarning
-from gaussray.geometry import rotation_matrix
-from gaussray.reconstruct.initialize.body_tracking import track
-from gaussray.reconstruct.initialize.from_points import bodies, inliers, on_points, thinned
-from gaussray.reconstruct.initialize.regrouping import MovingGaussians
-from gaussray.reconstruct.initialize.resting_control import resting_control_points
-from gaussray.reconstruct.initialize.stereo.from_pictures import MovingPoints, moving_points
-from gaussray.reconstruct.initialize.surface_tracking import tracked_surface
-from gaussray.reconstruct.initialize.transients import (
-    STRAY,
-    initial_transients,
-    starting_times,
-)
+from gaussray.reconstruct.initialize.body_groups import body_groups
+from gaussray.reconstruct.initialize.from_points import inliers, on_points, thinned
+from gaussray.reconstruct.initialize.stereo.from_pictures import MovingPoints
+from gaussray.reconstruct.initialize.transients import STRAY, initial_transients, starting_times
 from gaussray.reconstruct.initialize.unexplained import UnexplainedPixels
 from gaussray.reconstruct.motion_budget import motion_budget
+from gaussray.reconstruct.moving_bodies import tracked_bodies
+from gaussray.reconstruct.moving_clouds import moving_clouds
+from gaussray.reconstruct.moving_control import control_points_at_rest, tracked_control_points
 from gaussray.reconstruct.optimize.optimizer import Parameters, shortest_lifetime
 from gaussray.reconstruct.optimize.rows import occupied, take_rows, with_rows
 from gaussray.reconstruct.optimize.state import State, begin_state
 from gaussray.reconstruct.passing_shadows import passing_shadows
-from gaussray.reconstruct.run_progress import KnownBodies, RunProgress
+from gaussray.reconstruct.run_progress import RunProgress
 from gaussray.reconstruct.session import Session
-from gaussray.reconstruct.start import may_move
 from gaussray.runtime.devices import from_primary
-from gaussray.scene.bodies import Bodies, Poses, body_of, extrapolate_bodies
+from gaussray.scene.bodies import Poses, extrapolate_bodies
 from gaussray.scene.control_points import ControlPoints
 from gaussray.scene.deformation import Deformation, initial_deformation
-from gaussray.scene.gaussians import Gaussians, Unconstrained, constrain, unconstrain
-from gaussray.scene.harmonics import C0
+from gaussray.scene.gaussians import constrain, unconstrain
 from gaussray.scene.planes import initial_planes
 from gaussray.scene.transient import UnconstrainedTransients, unconstrain_transients
 
@@ -46,11 +39,6 @@ from gaussray.scene.transient import UnconstrainedTransients, unconstrain_transi
 # Of all Gaussians, at most one in so many begins as one that follows control points, where cameras
 # move.
 _FOLLOWERS = 4
-# Control points that begin at rest: how many, at most; pictures for each of their poses; and the
-# opacity below which a Gaussian is no place for one.
-_CONTROL_GPU, _CONTROL_CPU = 400, 200
-_PICTURES_OF_A_POSE = 2.5
-_FAINT = 0.1
 
 
 def with_motion(session: Session, state: State, progress: RunProgress) -> tuple[State, RunProgress]:
@@ -70,11 +58,11 @@ def with_motion(session: Session, state: State, progress: RunProgress) -> tuple[
     clouds, control, moved, fit = [], None, None, session.options.fit
     if fit.transient:
         moved = _unexplained(session, state) if session.still_first else None
-        clouds = _clouds(session, parameters, moved)
+        clouds = moving_clouds(session, parameters, moved)
     if session.at_rest:
-        control = from_primary(_control_points_at_rest(session, parameters.moving))
+        control = from_primary(control_points_at_rest(session, parameters.moving))
     if fit.control and (session.has_videos or session.still_first):
-        control = from_primary(_control_points(session, clouds, moved))
+        control = from_primary(tracked_control_points(session, clouds, moved))
     if moved is not None:
         # Of all the frames that were asked for.
         counts = moved.tile_counts()
@@ -86,14 +74,9 @@ def with_motion(session: Session, state: State, progress: RunProgress) -> tuple[
         deformation = first_deformation(session, parameters, progress, control)
     if fit.transient:
         transient = first_transients(session, clouds, progress.moved)
-    static, moving, corrections = parameters.static, parameters.moving, parameters.corrections
-    own = (
-        deformation,
-        corrections,
-        transient,
-        from_primary(passing_shadows(session, static)),
-    )
-    return begin_state(Parameters(static, moving, *own)), progress
+    shading = from_primary(passing_shadows(session, parameters.static))
+    parameters = replace(parameters, deformation=deformation, transient=transient, shading=shading)
+    return begin_state(parameters), progress
 
 
 def find_motion(session: Session, parameters: Parameters) -> None:
@@ -104,9 +87,9 @@ def find_motion(session: Session, parameters: Parameters) -> None:
         session: the segment.
         parameters: the Gaussians, of any values.
     """
-    clouds = _clouds(session, parameters, None)
+    clouds = moving_clouds(session, parameters, None)
     if session.options.fit.control and session.has_videos:
-        _control_points(session, clouds, None)
+        tracked_control_points(session, clouds, None)
 
 
 def _unexplained(session: Session, state: State) -> UnexplainedPixels:
@@ -119,68 +102,6 @@ def _unexplained(session: Session, state: State) -> UnexplainedPixels:
         session.options.trace,
         session.backdrop,
     )
-
-
-def _clouds(
-    session: Session, parameters: Parameters, moved: UnexplainedPixels | None
-) -> Sequence[MovingPoints]:
-    """The points that stereo finds in what moves at each time."""
-    times = starting_times(session.times, session.options.fit.instants).tolist()
-
-    def found(known: Float[np.ndarray, "known 3"]) -> Sequence[MovingPoints]:
-        report = session.progress_report("stereo of what moves")
-        alone = None if moved is None else moved.points
-        return moving_points(
-            session.footage, times, moved=moved, known=known, alone=alone, report=report
-        )
-
-    if not by_pictures_alone(session, moved):
-        held = occupied(parameters.static)
-        return found(np.asarray(parameters.static.mean)[held])
-    points, key = session.initial_points, ("moving points", *times, *session.points_key)
-    return session.shared.once(key, lambda: found(points.position))
-
-
-def by_pictures_alone(session: Session, moved: UnexplainedPixels | None) -> bool:
-    """Whether the pictures tell what moves, and where what stands still is, before any fit.
-
-    Args:
-        session: the segment.
-        moved: which pixels what stands still does not show, where cameras move.
-    """
-    return moved is None and not session.is_continuation and session.initial_points.on_surfaces
-
-
-def _control_points(
-    session: Session, clouds: Sequence[MovingPoints], moved: UnexplainedPixels | None
-) -> ControlPoints | None:
-    """Control points that follow the surfaces of the first time."""
-    seed = session.options.fit.seed
-
-    def found() -> ControlPoints | None:
-        return tracked_surface(clouds, seed=seed, report=session.progress_report("track"))
-
-    if not by_pictures_alone(session, moved):
-        return found()
-    times = [cloud.time for cloud in clouds]
-    return session.shared.once(("control points", *times, *session.points_key), found)
-
-
-def _control_points_at_rest(session: Session, moving: Unconstrained) -> ControlPoints | None:
-    """Control points at rest on the moving Gaussians; None without any.
-
-    Each has fewer poses than there are pictures, so that several tell each pose.
-    """
-    found = constrain(take_rows(moving, np.flatnonzero(occupied(moving))))
-    position = np.asarray(found.mean)[np.asarray(found.opacity).reshape(-1) > _FAINT]
-    position = position[inliers(position, STRAY)]
-    if not len(position):
-        return None
-    pictures = len(session.footage.times)
-    knots = int(np.clip(pictures / _PICTURES_OF_A_POSE, 2, len(session.times)))
-    times = np.linspace(session.times[0], session.times[-1], knots)
-    count = _CONTROL_GPU if jax.default_backend() == "gpu" else _CONTROL_CPU
-    return resting_control_points(position, times, count=count)
 
 
 def _with_followers(
@@ -278,10 +199,10 @@ def first_deformation(
     )
     if session.options.fit.control or session.at_rest:
         nothing = np.zeros((0, 3), np.float32)
-        tracked = bodies(nothing, session.times)
+        tracked = body_groups(nothing, session.times)
         control = None if control is None else _over_readouts(session, control)
     else:
-        tracked = _over_readouts(session, _tracked(session, constrain(moving), progress))
+        tracked = _over_readouts(session, tracked_bodies(session, constrain(moving), progress))
     return initial_deformation(network_key, planes, tracked, width=field.width, control=control)
 
 
@@ -291,51 +212,3 @@ def _over_readouts(session: Session, tracked: Poses) -> Poses:
     half = (session.cameras.earlier + session.cameras.later) / 2
     middle = tracked.time + jnp.asarray(session.cameras.later - half, tracked.time.dtype)
     return extrapolate_bodies(eqx.tree_at(lambda b: b.time, tracked, middle), half, half)
-
-
-def _tracked(session: Session, moving: Gaussians, progress: RunProgress) -> Bodies:
-    """The rigid bodies among what moves, with their poses at all times.
-
-    There are none where points do not lie on surfaces, nor where every camera took one picture.
-    """
-    given, start = session.capture.points is not None, session.options.fit.start
-    matched = start in ("auto", "stereo") and sum(progress.initial) > 0
-    on_surfaces = matched or (given and start != "random")
-    if not (on_surfaces and session.has_videos):
-        return _tracked_bodies(session, take_rows(moving, np.zeros(0, int)), progress.bodies)
-    if session.is_continuation:
-        return _tracked_bodies(session, moving, progress.bodies)
-    options = session.options
-    return session.shared.once(
-        ("bodies", options.track, options.fit.moving_threshold, *session.points_key),
-        lambda: _tracked_bodies(session, _initial_surface(session), progress.bodies),
-    )
-
-
-def _tracked_bodies(session: Session, surface: Gaussians, known: KnownBodies | None) -> Bodies:
-    """The rigid bodies among the Gaussians of a surface, with their poses at all times; those
-    known from the segment before first."""
-    times, position = session.times, np.asarray(surface.mean)
-    groups = bodies(position, times, known=None if known is None else (known.pivot, known.radius))
-    return track(
-        groups,
-        MovingGaussians(
-            np.asarray(body_of(groups, surface.mean)),
-            position,
-            np.asarray(rotation_matrix(surface.quat))[:, :, 2],
-            np.asarray(surface.harmonics[:, 0] * C0 + 0.5),
-        ),
-        session.shown,
-        session.footage.camera,
-        options=session.options.track,
-        seed=session.options.fit.seed,
-        report=lambda work: session.progress_bar(work, len(times) - 1).report,
-    )
-
-
-def _initial_surface(session: Session) -> Gaussians:
-    """Discs on the initial points that move. They have the colours of the surface; those of fitted
-    Gaussians, which overlap, make up for one another."""
-    position, color, on_surfaces = session.initial_points
-    moves = may_move(session, position, on_surfaces=on_surfaces)
-    return on_points(position[moves], color[moves], degree=0, opacity=1.0)

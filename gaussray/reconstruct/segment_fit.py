@@ -27,9 +27,10 @@ from gaussray.reconstruct.motion import with_motion
 from gaussray.reconstruct.optimize.state import State
 from gaussray.reconstruct.run_progress import RunProgress
 from gaussray.reconstruct.session import Session
-from gaussray.reconstruct.simplify.measure import Tracing, TrainingViews
+from gaussray.reconstruct.simplify.candidate_meter import Tracing
 from gaussray.reconstruct.simplify.prune import pruned_scene
 from gaussray.reconstruct.simplify.summary import summary_line
+from gaussray.reconstruct.simplify.tile_views import TrainingViews
 from gaussray.reconstruct.start import continued_state, initial_state
 from gaussray.reconstruct.work_ahead import work_ahead
 from gaussray.scene.deformation import Deformation

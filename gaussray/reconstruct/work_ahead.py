@@ -8,6 +8,7 @@ that stand in for those to come. Where their shapes were guessed wrong, steps co
 import contextlib
 from collections.abc import Callable, Hashable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -19,13 +20,8 @@ from gaussray.reconstruct.initialize.nonrigid_registration import registration_o
 from gaussray.reconstruct.initialize.stereo.from_pictures import MovingPoints
 from gaussray.reconstruct.initialize.stereo.points import StereoPoints
 from gaussray.reconstruct.initialize.transients import starting_times
-from gaussray.reconstruct.motion import (
-    by_pictures_alone,
-    find_motion,
-    first_deformation,
-    first_transients,
-)
-from gaussray.reconstruct.optimize.optimizer import Parameters
+from gaussray.reconstruct.motion import find_motion, first_deformation, first_transients
+from gaussray.reconstruct.moving_clouds import by_pictures_alone
 from gaussray.reconstruct.optimize.state import State, begin_state
 from gaussray.reconstruct.run_progress import RunProgress, StageSchedule
 from gaussray.reconstruct.session import Session
@@ -74,7 +70,7 @@ def work_ahead(
     expected: Future[Any] = Future()
 
     def compiled() -> None:
-        guess = stand_in(session, state, progress)
+        guess = stand_in_state(session, state, progress)
         expected.set_result(shapes(guess))
         run_block(session, guess)
 
@@ -124,7 +120,7 @@ def run_block(session: Session, state: State) -> None:
     jax.block_until_ready(result)
 
 
-def stand_in(session: Session, state: State, progress: RunProgress) -> State:
+def stand_in_state(session: Session, state: State, progress: RunProgress) -> State:
     """A state whose arrays are as large as those before the first step of the fine stage most
     likely are.
 
@@ -134,16 +130,17 @@ def stand_in(session: Session, state: State, progress: RunProgress) -> State:
         progress: its progress.
     """
     fit, parameters = session.options.fit, state.parameters
-    clouds, deformation = _clouds(session), None
+    clouds, deformation = _stand_in_clouds(session), None
     if fit.deforms:
-        control = _control_points(clouds) if fit.control else None
+        control = _stand_in_control_points(clouds) if fit.control else None
         deformation = first_deformation(session, parameters, progress, control)
     transient = first_transients(session, clouds, None)
-    kinds = parameters.static, parameters.moving
-    return begin_state(Parameters(*kinds, deformation, parameters.corrections, transient, None))
+    return begin_state(
+        replace(parameters, deformation=deformation, transient=transient, shading=None)
+    )
 
 
-def _clouds(session: Session) -> list[MovingPoints]:
+def _stand_in_clouds(session: Session) -> list[MovingPoints]:
     """A few points at each of the times at which transient Gaussians start."""
     place = np.random.default_rng(0).normal(size=(_POINTS, 3)).astype(np.float32)
     one = np.ones(_POINTS, np.float32)
@@ -152,7 +149,7 @@ def _clouds(session: Session) -> list[MovingPoints]:
     return [MovingPoints(points, time, np.zeros_like(place), one) for time in times.tolist()]
 
 
-def _control_points(clouds: list[MovingPoints]) -> ControlPoints:
+def _stand_in_control_points(clouds: list[MovingPoints]) -> ControlPoints:
     """As many control points as are tracked on a surface, at rest."""
     count = registration_options(jax.default_backend()).control
     place = np.resize(clouds[0].points.position, (count, 3))

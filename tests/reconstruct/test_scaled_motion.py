@@ -21,7 +21,8 @@ from gaussray.reconstruct.initialize.body_tracking import TrackOptions
 from gaussray.reconstruct.pipeline import reconstruct
 from gaussray.render.options import RenderOptions
 from gaussray.render.renderer import Renderer
-from gaussray.render.rig.rig import fit_scale, load_views
+from gaussray.render.rig.fitted_cameras import read_fitted_cameras
+from gaussray.render.rig.view_files import load_views
 from gaussray.scene.scene import Scene
 from gaussray.scene.store import load_scene
 
@@ -107,7 +108,9 @@ def test_a_fit_of_smaller_pictures_shows_the_whole_ones(capture, tmp_path, monke
     kept = read_cameras(tmp_path / "cameras.json")
     assert {(view.width, view.height) for view in kept} == {(WHOLE, WHOLE)}
     # Pictures of the scene are as large as those that it was fitted to.
-    assert fit_scale(tmp_path) == 0.5 and fit_scale(tmp_path / "scene.npz") == 0.5
+    for place in (tmp_path, tmp_path / "scene.npz"):
+        fitted = read_fitted_cameras(place)
+        assert fitted is not None and fitted.scale == 0.5
     shown = load_views(tmp_path, None)
     assert {(view.width, view.height) for view in shown} == {(SMALL, SMALL)}
     small = auto_choice(capture, OPTIONS, Slow(gpu=False)).capture.views

@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 
 from gaussray.capture.errors import CaptureWarning
 from gaussray.capture.formats.paired import read_capture
-from gaussray.reconstruct import motion
+from gaussray.reconstruct import motion, moving_clouds
 from gaussray.reconstruct.initialize.stereo.from_pictures import MovingPoints
 from gaussray.reconstruct.initialize.stereo.points import StereoPoints
 from gaussray.reconstruct.optimize.density import DensityOptions
@@ -62,7 +62,7 @@ def on_bodies(clouds, times, *, count, degree, **_):
 def stereo(monkeypatch):
     """Stereo that finds the bodies, which pictures of 16 x 16 pixels do not show."""
     monkeypatch.setattr(motion, "initial_transients", on_bodies)
-    monkeypatch.setattr(motion, "moving_points", lambda *_, **__: [])
+    monkeypatch.setattr(moving_clouds, "moving_points", lambda *_, **__: [])
 
 
 @pytest.fixture(scope="module")
@@ -112,7 +112,7 @@ def test_where_cameras_move_what_stands_still_is_fitted_first(
         asked.extend(moved(frame) for frame in range(len(footage.times)))
         return []
 
-    monkeypatch.setattr(motion, "moving_points", clouds)
+    monkeypatch.setattr(moving_clouds, "moving_points", clouds)
     options = replace(OPTIONS, fit=replace(FIT, coarse=240, fine=60))
     one, two = tmp_path / "one", tmp_path / "two"
     reconstruct(from_moving_cameras, one, options=options, quiet=True)
@@ -134,7 +134,7 @@ def test_where_cameras_move_what_stands_still_is_fitted_first(
 def test_what_is_known_to_stand_still_is_fitted_to_the_pictures_of_all_times(
     from_moving_cameras, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(motion, "moving_points", lambda *_, **__: pytest.fail("sought"))
+    monkeypatch.setattr(moving_clouds, "moving_points", lambda *_, **__: pytest.fail("sought"))
     options = replace(OPTIONS, fit=replace(FIT, motion="none", fine=60))
     scene = reconstruct(from_moving_cameras, tmp_path, options=options, quiet=True)
     lines = [json.loads(line) for line in (tmp_path / "metrics.jsonl").read_text().splitlines()]
@@ -183,7 +183,7 @@ def around_bodies(footage, times, **_):
 def test_gaussians_follow_control_points_and_an_interrupted_run_goes_on_to_the_same_bytes(
     capture, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(motion, "moving_points", around_bodies)
+    monkeypatch.setattr(moving_clouds, "moving_points", around_bodies)
     one, two = tmp_path / "one", tmp_path / "two"
     reconstruct(capture, one, options=CONTROL, quiet=True)
     scene = load_scene(one)
@@ -206,7 +206,7 @@ def test_gaussians_follow_control_points_and_an_interrupted_run_goes_on_to_the_s
 def test_where_cameras_move_gaussians_on_the_first_points_follow_control_points(
     from_moving_cameras, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(motion, "moving_points", around_bodies)
+    monkeypatch.setattr(moving_clouds, "moving_points", around_bodies)
     options = replace(CONTROL, fit=replace(CONTROL.fit, coarse=40))
     one, two = tmp_path / "one", tmp_path / "two"
     reconstruct(from_moving_cameras, one, options=options, quiet=True)
@@ -233,7 +233,7 @@ def test_without_points_to_follow_there_is_a_field_alone(rig, request, tmp_path,
         empty = np.zeros(0, np.float32)
         return [MovingPoints(nothing, float(t), nothing.position, empty) for t in times]
 
-    monkeypatch.setattr(motion, "moving_points", few)
+    monkeypatch.setattr(moving_clouds, "moving_points", few)
     options = replace(CONTROL, fit=replace(CONTROL.fit, fine=20))
     scene = reconstruct(request.getfixturevalue(rig), tmp_path, options=options, quiet=True)
     assert scene.deformation is None or scene.deformation.control is None

@@ -9,7 +9,7 @@ import pytest
 import toy
 
 from gaussray.capture.formats.paired import read_capture
-from gaussray.reconstruct import motion, step, work_ahead
+from gaussray.reconstruct import motion, moving_clouds, moving_control, step, work_ahead
 from gaussray.reconstruct.data.segments import segments
 from gaussray.reconstruct.initialize.nonrigid_registration import registration_options
 from gaussray.reconstruct.initialize.stereo.from_pictures import MovingPoints
@@ -48,8 +48,8 @@ def capture(tmp_path_factory, known_sizes):
 def found(monkeypatch):
     """Stereo and tracking that find three control points, as many as are guessed."""
     three = replace(registration_options("cpu"), control=3)
-    monkeypatch.setattr(motion, "moving_points", clouds)
-    monkeypatch.setattr(motion, "tracked_surface", lambda *_, **__: toy.control_points())
+    monkeypatch.setattr(moving_clouds, "moving_points", clouds)
+    monkeypatch.setattr(moving_control, "tracked_surface", lambda *_, **__: toy.control_points())
     monkeypatch.setattr(work_ahead, "registration_options", lambda _: three)
     monkeypatch.setattr(work_ahead, "works_ahead", lambda _: True)
 
@@ -98,7 +98,7 @@ def test_what_fails_ahead_is_told_where_it_is_needed(capture, tmp_path, monkeypa
     def failing(*_, **__):
         raise ValueError("no points today")
 
-    monkeypatch.setattr(motion, "moving_points", failing)
+    monkeypatch.setattr(moving_clouds, "moving_points", failing)
     with pytest.raises(ValueError, match="no points today"):
         reconstruct(capture, tmp_path, options=OPTIONS, quiet=True)
 
@@ -107,7 +107,7 @@ def test_what_stands_in_has_the_shapes_of_the_fine_stage(capture, tmp_path):
     log = RunLog(tmp_path, resume=False, interval=1e9, writes=False, listener=None)
     session = Session(capture, log, OPTIONS, True, segment=segments(capture, 0)[0])
     state, progress = initial_state(session, RunProgress())
-    guess = work_ahead.stand_in(session, state, progress)
+    guess = work_ahead.stand_in_state(session, state, progress)
     real, _ = motion.with_motion(session, state, progress)
     assert work_ahead.shapes(guess) == work_ahead.shapes(real) != work_ahead.shapes(state)
     # Of a fit that shares its results, nothing is begun again.

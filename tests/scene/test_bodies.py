@@ -6,7 +6,6 @@ import numpy as np
 from jax.test_util import check_grads
 
 from gaussray.geometry import rotation_matrix
-from gaussray.reconstruct.initialize.from_points import bodies as found_bodies
 from gaussray.scene.bodies import bodies_at_rest, body_of, body_pose_at, extrapolate_bodies
 
 
@@ -90,17 +89,3 @@ def test_gradients_reach_poses_and_time():
 
     turn = body.turn + 0.1 * jax.random.normal(jax.random.key(0), body.turn.shape)
     check_grads(place, (body.path, turn, jnp.asarray(0.37)), order=1, modes=["rev"])
-
-
-def test_separate_clouds_are_found_as_bodies_and_strays_are_not():
-    dice = np.random.default_rng(0)
-    cloud = dice.normal(size=(300, 3)) * 0.05
-    points = np.concatenate([cloud, cloud + [3, 0, 0], [[1.5, 1, 0]]])
-    found = found_bodies(points, np.array([0.0, 1.0]))
-    assert sorted(np.round(np.asarray(found.pivot)[:, 0]).tolist()) == [0, 3]
-    assert body_of(found, jnp.asarray(points[-1:])).tolist() == [2]
-
-
-def test_no_points_hold_no_bodies():
-    none = found_bodies(np.zeros((0, 3), np.float32), np.array([0.0, 1.0]))
-    assert none.pivot.shape == (0, 3) and none.turn.shape == (0, 2, 4)

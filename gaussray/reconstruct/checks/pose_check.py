@@ -189,8 +189,8 @@ def _checked(views: PosedViews) -> PoseCheck:
     readings = {
         "": (rotation, eye),
         "opencv": (rotation @ _FLIP, eye),
-        "inverse": _inverse(rotation @ _FLIP, eye, _FLIP),
-        "opencv_inverse": _inverse(rotation @ _FLIP, eye, np.eye(3)),
+        "inverse": _read_as_world_to_camera(rotation @ _FLIP, eye, _FLIP),
+        "opencv_inverse": _read_as_world_to_camera(rotation @ _FLIP, eye, np.eye(3)),
     }
 
     def misfit(matched: list[DetailMatch]) -> Misfit:
@@ -222,7 +222,7 @@ def _checked(views: PosedViews) -> PoseCheck:
     return found
 
 
-def _inverse(
+def _read_as_world_to_camera(
     rotation: Float[np.ndarray, "views 3 3"],
     eye: Float[np.ndarray, "views 3"],
     axes: Float[np.ndarray, "3 3"],

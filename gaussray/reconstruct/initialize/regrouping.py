@@ -14,7 +14,8 @@ from jaxtyping import Bool, Float, Int
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from gaussray.reconstruct.initialize.from_points import ball_around, inliers, typical_gap
+from gaussray.reconstruct.initialize.body_groups import ball_around
+from gaussray.reconstruct.initialize.from_points import inliers, typical_gap
 from gaussray.reconstruct.initialize.pose_cost import Known, Mismatch
 from gaussray.scene.bodies import Bodies, bodies_at_rest
 

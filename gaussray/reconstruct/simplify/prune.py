@@ -12,15 +12,8 @@ from gaussray.reconstruct.simplify.candidate import (
     in_shape_of,
     without_shading,
 )
+from gaussray.reconstruct.simplify.candidate_meter import CandidateMeter, Tracing
 from gaussray.reconstruct.simplify.finished import finished_scene
-from gaussray.reconstruct.simplify.measure import (
-    CandidateMeter,
-    ChosenTiles,
-    Tracing,
-    TrainingViews,
-    one_color_psnr,
-    tile_views,
-)
 from gaussray.reconstruct.simplify.removal_steps import (
     lower_degree,
     reduce_field,
@@ -30,6 +23,12 @@ from gaussray.reconstruct.simplify.removal_steps import (
 )
 from gaussray.reconstruct.simplify.removals import Removals
 from gaussray.reconstruct.simplify.summary import part_counts
+from gaussray.reconstruct.simplify.tile_views import (
+    ChosenTiles,
+    TrainingViews,
+    one_color_psnr,
+    tile_views,
+)
 from gaussray.runtime.progress import ProgressReport, no_report
 from gaussray.scene.deformation import Deformation
 from gaussray.scene.scene import Scene

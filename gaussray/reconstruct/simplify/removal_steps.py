@@ -14,9 +14,9 @@ from gaussray.reconstruct.simplify.candidate import (
     without_head,
     without_scale,
 )
-from gaussray.reconstruct.simplify.measure import ChosenTiles
 from gaussray.reconstruct.simplify.removals import Removals
 from gaussray.reconstruct.simplify.summary import part_counts
+from gaussray.reconstruct.simplify.tile_views import ChosenTiles
 from gaussray.scene.deformation import HEADS
 
 

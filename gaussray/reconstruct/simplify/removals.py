@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from gaussray.reconstruct.simplify.candidate import Candidate
+from gaussray.reconstruct.simplify.candidate_meter import CandidateMeter
 from gaussray.reconstruct.simplify.finished import finished_scene
-from gaussray.reconstruct.simplify.measure import CandidateMeter
 from gaussray.reconstruct.simplify.summary import part_counts
 from gaussray.runtime.progress import ProgressReport
 from gaussray.scene.scene import Scene

@@ -9,10 +9,14 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
-from gaussray.color import srgb_decode, srgb_encode
 from gaussray.runtime.devices import barrier, is_primary
+from gaussray.scene.formats.color_space import (
+    check_color,
+    color_error_text,
+    convert_harmonics,
+    with_harmonics,
+)
 from gaussray.scene.formats.ftgs import is_ftgs, read_ftgs
 from gaussray.scene.formats.gaussian_folder import read_model, stated_color
 from gaussray.scene.formats.gaussian_ply import write_gaussians
@@ -23,12 +27,9 @@ from gaussray.scene.gaussians import Gaussians, fold_tint
 from gaussray.scene.residual_field import ResidualField
 from gaussray.scene.scene import Scene, at, transient_count
 from gaussray.scene.segmented import Clip, segment_at
-from gaussray.scene.srgb_harmonics import harmonic_projection, sphere_directions
 from gaussray.scene.store import save_scene
 
 
-# Colours of a model: sRGB values, as in models fitted to 8-bit pictures, or linear light.
-COLORS = ("srgb", "linear")
 # Writers of Gaussians at one time, whose colours are in the colour space of the last argument.
 WRITERS: dict[str, Callable[[Path | str, Gaussians, str], None]] = {
     "ply": lambda path, gaussians, color: write_gaussians(path, gaussians),
@@ -39,8 +40,6 @@ WRITERS: dict[str, Callable[[Path | str, Gaussians, str], None]] = {
 }
 # Transient Gaussians of smaller opacity are not exported: rasterisers do not show them.
 LEAST_OPACITY = 1 / 255
-# Gaussians whose colours are converted at a time: bounds the memory.
-CONVERSION_BLOCK = 1 << 16
 
 
 def import_model(
@@ -120,7 +119,7 @@ def _to_linear(
     """The Gaussians in linear light, and the error of their harmonics, at time 0 if they change."""
     if field is None or field.harmonics is None:
         harmonics, error = convert_harmonics(gaussians.harmonics, encode=False)
-        return _with_harmonics(gaussians, harmonics), field, error
+        return with_harmonics(gaussians, harmonics), field, error
     zero = jnp.zeros((), gaussians.mean.dtype)
     first = jax.jit(lambda field, rest, time: field(rest, time))(field, gaussians, zero)
     _, error = convert_harmonics(first.harmonics, encode=False)
@@ -209,53 +208,8 @@ def gaussians_at(
     harmonics, error = jnp.pad(gaussians.harmonics, ((0, 0), (0, missing), (0, 0))), 0.0
     if color == "srgb":
         harmonics, error = convert_harmonics(harmonics, encode=True)
-    space = f"sRGB values, {_error_text(error)}" if color == "srgb" else "linear light"
-    return _with_harmonics(gaussians, harmonics), f"colours as {space}"
-
-
-def convert_harmonics(
-    harmonics: Float[Array, "gaussians coefficients 3"], *, encode: bool
-) -> tuple[Float[Array, "gaussians coefficients 3"], float]:
-    """Convert the harmonics of colours between linear light and sRGB values.
-
-    The colour f = max(0, 1/2 + sum c_i Y_i) is passed through the sRGB curve in directions all
-    around, and projected onto the same harmonics: c'_i is the mean over the sphere of
-    4 pi Y_i (f - 1/2). This is exact for a colour that does not depend on the direction.
-
-    Args:
-        harmonics: coefficients of the colours.
-        encode: True: linear light to sRGB values; False: sRGB values to linear light.
-
-    Returns:
-        The new coefficients, and the error of the projection: root mean square over directions,
-        channels and Gaussians, in sRGB values 0 to 1.
-    """
-    count, coefficients, _ = harmonics.shape
-    _, weight = sphere_directions()
-    values, sums = (np.asarray(x, np.float32) for x in harmonic_projection(coefficients))
-    result, square = np.empty(harmonics.shape, np.float32), 0.0
-    for begin in range(0, count, CONVERSION_BLOCK):
-        part = np.asarray(harmonics[begin : begin + CONVERSION_BLOCK], np.float32)
-        before = _colors_in_directions(values, part)
-        target = srgb_encode(before) if encode else srgb_decode(before)
-        fitted = np.einsum("dc,dnk->nck", sums, target - 0.5, optimize=True)
-        result[begin : begin + CONVERSION_BLOCK] = fitted
-        after = _colors_in_directions(values, fitted)
-        off = after - target if encode else srgb_encode(after) - before
-        square += float(np.einsum("d,dnk->", weight, np.square(off, dtype=np.float64)))
-    return jnp.asarray(result, harmonics.dtype), math.sqrt(square / max(3 * count, 1))
-
-
-def _colors_in_directions(
-    values: Float[np.ndarray, "directions coefficients"],
-    harmonics: Float[np.ndarray, "gaussians coefficients 3"],
-) -> Float[np.ndarray, "directions gaussians 3"]:
-    """The colours in all directions."""
-    return np.maximum(np.einsum("dc,nck->dnk", values, harmonics, optimize=True) + 0.5, 0)
-
-
-def _with_harmonics(gaussians: Gaussians, harmonics: Array) -> Gaussians:
-    return Gaussians(gaussians.mean, gaussians.quat, gaussians.scale, gaussians.opacity, harmonics)
+    space = f"sRGB values, {color_error_text(error)}" if color == "srgb" else "linear light"
+    return with_harmonics(gaussians, harmonics), f"colours as {space}"
 
 
 def _drop_faint(gaussians: Gaussians, persistent: int) -> Gaussians:
@@ -285,20 +239,10 @@ def _export_time(scene: Scene | Clip, time: float | None) -> float:
     return time
 
 
-def check_color(color: str) -> None:
-    """Raise a ValueError unless the colour space is known."""
-    if color not in COLORS:
-        raise ValueError(f"color must be one of {', '.join(COLORS)}, got {color!r}.")
-
-
-def _error_text(error: float) -> str:
-    return f"off by {255 * error:.2g} of 255 (root mean square) for the degree of the harmonics"
-
-
 def _color_text(color: str, error: float, stated: bool) -> str:
     """The words on the colours of a model, which its file states or not."""
     light = (
-        f"sRGB values, now linear light, {_error_text(error)}"
+        f"sRGB values, now linear light, {color_error_text(error)}"
         if color == "srgb"
         else "linear light"
     )

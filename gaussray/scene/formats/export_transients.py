@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaussray.runtime.devices import is_primary
-from gaussray.scene.formats.convert import check_color, convert_harmonics
+from gaussray.scene.formats.color_space import check_color, convert_harmonics
 from gaussray.scene.formats.ftgs import write_ftgs
 from gaussray.scene.gaussians import Gaussians, fold_tint
 from gaussray.scene.scene import Scene

@@ -20,7 +20,7 @@ from gaussray.reconstruct.checks.failed_fit import (
     warn_of_one_place,
 )
 from gaussray.reconstruct.data.pictures import footage
-from gaussray.reconstruct.simplify.measure import TrainingViews, one_color_psnr, tile_views
+from gaussray.reconstruct.simplify.tile_views import TrainingViews, one_color_psnr, tile_views
 
 
 pytestmark = pytest.mark.usefixtures("known_sizes")

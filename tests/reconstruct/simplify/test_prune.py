@@ -11,9 +11,10 @@ import toy
 
 from gaussray.capture.formats.paired import read_capture
 from gaussray.reconstruct.data.pictures import footage
-from gaussray.reconstruct.simplify.measure import Tracing, TrainingViews
+from gaussray.reconstruct.simplify.candidate_meter import Tracing
 from gaussray.reconstruct.simplify.prune import PruneOptions, pruned_scene
 from gaussray.reconstruct.simplify.summary import part_counts, summary_line
+from gaussray.reconstruct.simplify.tile_views import TrainingViews
 from gaussray.scene.gaussians import Gaussians, concatenate
 from gaussray.scene.scene import Scene
 from gaussray.tracer.shard import mesh

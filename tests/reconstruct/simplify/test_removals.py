@@ -8,7 +8,7 @@ import pytest
 import toy
 
 from gaussray.reconstruct.simplify.candidate import whole_candidate
-from gaussray.reconstruct.simplify.measure import CandidateMeter
+from gaussray.reconstruct.simplify.candidate_meter import CandidateMeter
 from gaussray.reconstruct.simplify.removals import BISECTIONS, Removals
 from gaussray.reconstruct.simplify.summary import part_counts
 

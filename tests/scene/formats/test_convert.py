@@ -19,7 +19,8 @@ from gaussray.color import srgb_decode, srgb_encode
 from gaussray.render.options import RenderOptions
 from gaussray.render.renderer import Renderer
 from gaussray.scene.formats.any_file import export_format
-from gaussray.scene.formats.convert import convert_harmonics, export_model, import_model
+from gaussray.scene.formats.color_space import convert_harmonics
+from gaussray.scene.formats.convert import export_model, import_model
 from gaussray.scene.formats.gaussian_ply import read_gaussians, write_gaussians
 from gaussray.scene.gaussians import Gaussians, fold_tint
 from gaussray.scene.scene import at
@@ -140,7 +141,7 @@ def test_the_error_of_a_smooth_colour_is_small_and_of_second_order(encode):
 def test_the_conversion_does_not_depend_on_the_blocks(monkeypatch):
     harmonics = random_gaussians(9, 20).harmonics
     whole, error = convert_harmonics(harmonics, encode=True)
-    monkeypatch.setattr("gaussray.scene.formats.convert.CONVERSION_BLOCK", 7)
+    monkeypatch.setattr("gaussray.scene.formats.color_space.CONVERSION_BLOCK", 7)
     parts, again = convert_harmonics(harmonics, encode=True)
     np.testing.assert_allclose(parts, whole, atol=SINGLE)
     assert math.isclose(error, again, rel_tol=SINGLE)

@@ -32,20 +32,16 @@ _PIXELS, _DISTANCES, _NEAREST, _FARTHEST = 1024, 256, 0.05, 20.0
 _VIEWS_A_MISS = 6
 # Differences of colour (of 1) that are noise: of distances that are as good, the nearest is taken.
 _AS_GOOD = 0.02
+# Of the choice of pixels.
+_SEED = 0
 
 
-def silhouette_points(
-    views: StereoViews,
-    moved: Bool[np.ndarray, "views h w"],
-    *,
-    seed: int = 0,
-) -> StereoPoints:
+def silhouette_points(views: StereoViews, moved: Bool[np.ndarray, "views h w"]) -> StereoPoints:
     """Points of pixels that move, inside the silhouettes of all views.
 
     Args:
         views: pictures of one instant; their masks hold what moves, with a margin.
         moved: which of their pixels move.
-        seed: of the choice of pixels.
 
     Returns:
         Points; none of pixels for which no distance lies in another view's silhouette.
@@ -56,7 +52,7 @@ def silhouette_points(
         place = np.flatnonzero(mask)
         if not len(place):
             continue
-        dice = np.random.default_rng([seed, i, 3])
+        dice = np.random.default_rng([_SEED, i, 3])
         # As many rows for every view, so that one program does for all.
         chosen = np.resize(dice.permutation(place), _PIXELS)
         at, found, color = jax.device_get(

@@ -1,4 +1,4 @@
-"""What Gaussians add to pictures sums to what is seen, and tiles show all that there is."""
+"""What Gaussians add to pictures sums to what is seen, and PSNR is that of the pictures."""
 
 import dataclasses
 
@@ -14,7 +14,8 @@ from gaussray.color import srgb_encode
 from gaussray.evaluate.metrics import psnr
 from gaussray.reconstruct.data.pictures import footage
 from gaussray.reconstruct.simplify.candidate import whole_candidate
-from gaussray.reconstruct.simplify.measure import CandidateMeter, Tracing, TrainingViews, tile_views
+from gaussray.reconstruct.simplify.candidate_meter import CandidateMeter, Tracing
+from gaussray.reconstruct.simplify.tile_views import TrainingViews, tile_views
 from gaussray.render.options import RenderOptions
 from gaussray.render.renderer import Renderer
 from gaussray.tracer.shard import mesh
@@ -37,55 +38,6 @@ def seen(tmp_path_factory):
 def whole(seen):
     """All tiles of three instants, as they fall to them."""
     return tile_views(TrainingViews(seen, seen.camera), tiles=4, instants=3, weigh=12, seed=0)
-
-
-def test_together_the_further_views_see_every_tile_of_every_camera_once(seen, whole):
-    some, further, complete = whole
-    assert len(some) == len(further) == 3 and not complete
-    assert [float(look.time) for look in some] == list(toy.TIMES)
-    # Rays of static cameras are as many as their pixels, each another one.
-    origin, direction = (
-        np.concatenate([np.asarray(getattr(x.rays, name)) for x in further])
-        for name in ("origin", "direction")
-    )
-    assert len(np.unique(np.concatenate([origin, direction], axis=1), axis=0)) == 3 * toy.SIZE**2
-
-
-def test_tiles_depend_on_the_seed_alone(seen, whole):
-    again = tile_views(TrainingViews(seen, seen.camera), tiles=4, instants=3, weigh=12, seed=0)
-    other = tile_views(TrainingViews(seen, seen.camera), tiles=4, instants=3, weigh=12, seed=1)
-    for a, b in zip(jax.tree.leaves(whole), jax.tree.leaves(again), strict=True):
-        np.testing.assert_array_equal(a, b)
-    assert any(np.any(a.truth != b.truth) for a, b in zip(whole[0], other[0], strict=True))
-
-
-def test_psnr_and_contributions_are_measured_on_tiles_chosen_independently(seen):
-    views = TrainingViews(seen, seen.camera)
-    measured, weighed, complete = tile_views(views, tiles=4, instants=1, weigh=4, seed=0)
-    first, second = (np.asarray(tiles[0].rays.direction) for tiles in (measured, weighed))
-    assert not complete and first.shape == second.shape and np.any(first != second)
-
-
-def test_all_tiles_are_complete(seen):
-    bundles = seen.pixel.shape[1] * len(seen.times)
-    views = TrainingViews(seen, seen.camera)
-    assert tile_views(views, tiles=4, instants=99, weigh=2 * bundles, seed=0).complete
-
-
-def test_fewer_instants_and_tiles_are_spread_evenly(seen):
-    some, further, _ = tile_views(
-        TrainingViews(seen, seen.camera), tiles=2, instants=2, weigh=4, seed=0
-    )
-    assert [float(look.time) for look in some] == [0.0, 1.0]
-    assert len(further) == 2 and further[0].truth.shape == (2 * TRACE.bundle**2, 3)
-
-
-def test_fewer_times_than_instants_are_measured_on_as_many_tiles(seen):
-    views = TrainingViews(seen, seen.camera)
-    measured = tile_views(views, tiles=2, instants=6, weigh=1, seed=0).measured
-    assert [float(look.time) for look in measured] == [t for t in toy.TIMES for _ in range(2)]
-    first, second = (np.asarray(look.rays.direction) for look in measured[:2])
-    assert np.any(first != second)
 
 
 def test_what_all_gaussians_add_is_what_they_cover(seen, whole):
