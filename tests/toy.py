@@ -17,6 +17,8 @@ from gaussray.camera.trajectory import Trajectory
 from gaussray.dataset.images import write_image
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.geometry import quaternion
+from gaussray.reconstruct.data.pictures import Footage
+from gaussray.reconstruct.data.tiles import cut, tile_pixels
 from gaussray.reconstruct.initialize.body_tracking import TrackOptions
 from gaussray.reconstruct.log import RunLog
 from gaussray.reconstruct.optimize.density import DensityOptions
@@ -289,3 +291,16 @@ def stopped_after(monkeypatch, name: str, calls: int):
     with monkeypatch.context() as patch:
         patch.setattr(RunLog, name, stop)
         yield
+
+
+def footage_of(pictures, masks=None) -> Footage:
+    """Footage of square pictures by one camera, in tiles of 8 x 8 pixels."""
+    count, size = np.shape(pictures)[:2]
+    one = camera(0.0, 0.0, size, size)
+    pixels = tile_pixels(one.film, 8)
+    packed = None
+    if masks is not None:
+        packed = np.stack([np.packbits(cut(mask, pixels), axis=-1) for mask in masks])
+    tiles = np.stack([cut(picture, pixels) for picture in pictures])
+    cameras = jax.tree.map(lambda x: jnp.stack([x] * count), one)
+    return Footage(tiles, packed, cameras, np.array(["a"] * count), 8)

@@ -25,6 +25,8 @@ _BLOCKS = 5
 # A block that takes so many times as long as others has waited for a compiler: for more rows or
 # longer lists, or to score held-out tiles for the first time.
 _WAITED = 4.0
+# A plan of which half is done grows if there is time for so many times the steps that are left.
+_GROWS = 1.25
 
 
 class StepPlan:
@@ -96,8 +98,9 @@ class TimedPlan(StepPlan):
 
     Reading, stereo and compilation, also later on, do not count: they differ most from machine to
     machine. There are at least _LEAST steps. The pace is measured during the first half; then the
-    plan stays. When held-out tiles no longer improve, half as many steps as were done follow, over
-    which the learning rates fall from what they are to their end.
+    plan never shrinks, and grows where steps have become much faster. When held-out tiles no longer
+    improve, half as many steps as were done follow. Over steps that are planned anew after the
+    first half the learning rates fall from what they are to their end.
 
     Args:
         seconds: duration of the stage.
@@ -144,16 +147,27 @@ class TimedPlan(StepPlan):
             if now - when > _WAITED * usual:
                 self._waited += now - when - usual
         self._marks.append((done, now))
-        if self._no_pace or (done > self.steps / 2 and self.steps != _GUESS):
+        if self._no_pace:
             return False
         end = self._marks[0][1] + self.seconds + self._waited
         left = max(end - now, 0) / max(self._pace(), 1e-9)
         blocks = max(int(max(done + left, _LEAST) / self._block), -(-done // self._block))
         steps = min(blocks * self._block, _MOST)
+        if done > self.steps / 2 and self.steps != _GUESS:
+            return self._grown(done, steps)
         fewest = _LEAST * self._pace()
         self.seconds_of_fewest = fewest if steps <= _LEAST and fewest > self.seconds else 0.0
         changed, self.schedule = steps != self.steps, StageSchedule(steps)
         return changed
+
+    def _grown(self, done: int, steps: int) -> bool:
+        """Whether the second half of the plan has become longer, of so many steps in all."""
+        if done >= self.steps or steps - done < _GROWS * (self.steps - done):
+            return False
+        if steps - self.steps < _BLOCKS * self._block:
+            return False
+        self.schedule = StageSchedule(steps, done, self.schedule.share_at(done))
+        return True
 
     def _pace(self) -> float:
         """Seconds that a step takes, the median of the last blocks."""

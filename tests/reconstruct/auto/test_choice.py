@@ -393,6 +393,17 @@ def test_blocks_that_take_three_times_as_long_count(monkeypatch):
     assert 395 <= spent - 35 <= 400
 
 
+def test_a_plan_grows_where_steps_were_slow_for_a_while(monkeypatch):
+    """They take three times as long, from before the middle of what is then planned to after it."""
+    slow = {done: 10 for done in range(500, 810, 10)}
+    plan, done, spent = timed(monkeypatch, seconds=1000.0, more=slow)
+    assert done == plan.steps
+    assert 990 <= spent - 35 <= 1000
+    # Rates go on from what they were, to the end.
+    assert 0 < plan.schedule.begin < done and plan.schedule.share > 0
+    assert plan.schedule.share_at(done) == 1
+
+
 def test_a_timed_plan_that_has_no_time_takes_the_fewest_steps(monkeypatch):
     plan, done, _ = timed(monkeypatch, seconds=1.0)
     assert done == plan.steps == 600

@@ -3,7 +3,6 @@ dark as a black one shows nothing."""
 
 import re
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -16,24 +15,11 @@ from gaussray.reconstruct.data.backdrop import (
     before_backdrop,
     like_backdrop,
 )
-from gaussray.reconstruct.data.pictures import Footage
-from gaussray.reconstruct.data.tiles import cut, tile_pixels
 
 
 SIZE, FRAMES = 32, 3
 # A colour of single precision.
 CLOSE = 1e-6
-
-
-def footage_of(pictures, masks=None):
-    """Footage of these pictures, in tiles of 8 x 8 pixels."""
-    camera = jax.tree.map(lambda x: jnp.stack([x] * FRAMES), toy.camera(0.0, 0.0, SIZE, SIZE))
-    pixels = tile_pixels(toy.camera(0.0, 0.0, SIZE, SIZE).film, 8)
-    packed = None
-    if masks is not None:
-        packed = np.stack([np.packbits(cut(mask, pixels), axis=-1) for mask in masks])
-    tiles = np.stack([cut(picture, pixels) for picture in pictures])
-    return Footage(tiles, packed, camera, np.array(["a"] * FRAMES), 8)
 
 
 def thing_before(color, noise=0):
@@ -47,16 +33,18 @@ def thing_before(color, noise=0):
 
 @pytest.mark.parametrize("color", [(0, 0, 0), (255, 255, 255), (20, 180, 40)])
 def test_the_colour_of_the_borders_is_the_backdrop(color):
-    found = backdrop_of(footage_of(thing_before(color, noise=2)))
+    found = backdrop_of(toy.footage_of(thing_before(color, noise=2)))
     assert np.abs(np.array(found) - np.array(color) / 255).max() < 1.01 / 255
     floats = (thing_before(color) / 255).astype(np.float32)
-    np.testing.assert_allclose(backdrop_of(footage_of(floats)), np.array(color) / 255, atol=CLOSE)
+    np.testing.assert_allclose(
+        backdrop_of(toy.footage_of(floats)), np.array(color) / 255, atol=CLOSE
+    )
 
 
 def test_pictures_of_a_room_have_none():
     dice = np.random.default_rng(1)
     pictures = dice.integers(0, 255, (FRAMES, SIZE, SIZE, 3)).astype(np.uint8)
-    assert backdrop_of(footage_of(pictures)) is None
+    assert backdrop_of(toy.footage_of(pictures)) is None
 
 
 def test_masked_pixels_do_not_count():
@@ -64,9 +52,9 @@ def test_masked_pixels_do_not_count():
     pictures[:, :, : 3 * SIZE // 4] = 200
     masks = np.ones((FRAMES, SIZE, SIZE), bool)
     masks[:, :, : 3 * SIZE // 4] = False
-    assert min(backdrop_of(footage_of(pictures))) > 0.5
-    assert backdrop_of(footage_of(pictures, masks)) == (0, 0, 0)
-    assert backdrop_of(footage_of(pictures, masks & False)) is None
+    assert min(backdrop_of(toy.footage_of(pictures))) > 0.5
+    assert backdrop_of(toy.footage_of(pictures, masks)) == (0, 0, 0)
+    assert backdrop_of(toy.footage_of(pictures, masks & False)) is None
 
 
 def test_only_what_hardly_differs_from_the_backdrop_is_like_it():

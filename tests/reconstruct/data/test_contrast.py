@@ -1,0 +1,43 @@
+"""Costs of opacity and scale count less for pictures of little contrast."""
+
+import numpy as np
+import pytest
+import toy
+
+from gaussray.reconstruct.data.contrast import contrast_of, share_of_costs
+
+
+SIZE, FRAMES = 32, 3
+# Sums of single precision.
+CLOSE = 1e-5
+
+
+def bright_part(share, level):
+    """Black pictures of whose rows a share has a grey level."""
+    pictures = np.zeros((FRAMES, SIZE, SIZE, 3), np.uint8)
+    pictures[:, : int(share * SIZE)] = level
+    return pictures
+
+
+def test_contrast_is_the_mean_difference_from_the_median():
+    found = contrast_of(toy.footage_of(bright_part(0.25, 102)))
+    assert found == pytest.approx(0.25 * 0.4, abs=CLOSE)
+    dice = np.random.default_rng(0)
+    pictures = dice.random((FRAMES, SIZE, SIZE, 3)).astype(np.float32)
+    expected = np.abs(pictures - np.median(pictures, axis=(0, 1, 2))).mean()
+    assert contrast_of(toy.footage_of(pictures)) == pytest.approx(expected, abs=CLOSE)
+
+
+def test_masked_pixels_have_no_contrast():
+    pictures = bright_part(0.5, 255)
+    seen = np.zeros((FRAMES, SIZE, SIZE), bool)
+    seen[:, : SIZE // 2] = True
+    assert contrast_of(toy.footage_of(pictures, seen)) == 0
+    assert contrast_of(toy.footage_of(pictures, ~seen & False)) == 0
+
+
+def test_costs_count_in_proportion_to_little_contrast_and_whole_from_the_usual_one_on():
+    dark, darker = (share_of_costs(toy.footage_of(bright_part(0.25, n))) for n in (60, 30))
+    assert dark == pytest.approx(0.25 * 60 / 255 / 0.15, abs=0.005)
+    assert darker == pytest.approx(dark / 2, abs=0.01)
+    assert share_of_costs(toy.footage_of(bright_part(0.5, 128))) == 1
