@@ -11,7 +11,7 @@ from gaussray.camera.shutter import Shutter
 from gaussray.dataset.images import contact_sheet, write_image
 from gaussray.io.sample_data import sample
 from gaussray.render import Renderer, RenderOptions
-from gaussray.render.rig.rig import load_views
+from gaussray.render.rig.view_files import load_views
 from gaussray.scene.store import load_scene
 
 

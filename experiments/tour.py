@@ -24,7 +24,7 @@ import jax
 import jax.numpy as jnp
 
 from gaussray import at, load_scene
-from gaussray.render.rig.rig import load_views
+from gaussray.render.rig.view_files import load_views
 from gaussray.io.sample_data import sample
 
 

@@ -16,9 +16,9 @@ import pytest
 import toy
 
 from gaussray.camera.sensor.sensor import SensorOptions
-from gaussray.cli.commands import reconstruct_options
 from gaussray.cli.help import COMMANDS
 from gaussray.cli.main import main
+from gaussray.cli.reconstruct import reconstruct_options
 from gaussray.config import compose as configurations
 from gaussray.config.compose import compose_config
 from gaussray.config.jobs import render_job
@@ -30,7 +30,7 @@ from gaussray.io import sample_data as samples
 from gaussray.io.sample_data import sample
 from gaussray.reconstruct import plan
 from gaussray.reconstruct.auto.choice import AutoChoice
-from gaussray.render.rig.rig import load_views
+from gaussray.render.rig.view_files import load_views
 from gaussray.scene.store import save_scene
 
 

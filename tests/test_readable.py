@@ -13,7 +13,7 @@ LINES, PARAMETERS = 350, 8
 ANY_KEYWORD = {
     ("report/markup.py", "tag"),
     ("runtime/progress.py", "say"),
-    ("cli/commands.py", "_say"),
+    ("cli/result.py", "say_result"),
     ("camera/lens/abstract.py", "_replaced"),
     ("runtime/jit_cache.py", "hear"),
     ("runtime/progress.py", "show"),

@@ -17,7 +17,7 @@ from gaussray.camera.shutter import Shutter
 from gaussray.dataset.images import contact_sheet, write_image
 from gaussray.render import Renderer, RenderOptions
 from gaussray.render.aov.labeller import LABELS, Labeller
-from gaussray.render.rig.rig import load_views
+from gaussray.render.rig.view_files import load_views
 from gaussray.scene.store import load_scene
 from gaussray.tracer.options import TraceOptions
 

@@ -66,7 +66,7 @@ def _run(work):
 def run(job: tuple[Path, Path, list[str]], end: float) -> None:
     """One way on one capture: reconstruct, then score."""
     from gaussray.capture.open import open_capture
-    from gaussray.cli.commands import reconstruct_options
+    from gaussray.cli.reconstruct import reconstruct_options
     from gaussray.config.compose import compose_config
     from gaussray.evaluate import EvaluateOptions, evaluate
     from gaussray.reconstruct import reconstruct

@@ -20,7 +20,7 @@ from gaussray.camera.sensor.noise import picture_key
 from gaussray.camera.sensor.sensor import SensorOptions, apply_exposure, develop, encode
 from gaussray.dataset.images import contact_sheet, srgb_levels, write_image
 from gaussray.render import Renderer, RenderOptions
-from gaussray.render.rig.rig import load_views
+from gaussray.render.rig.view_files import load_views
 from gaussray.scene.store import load_scene
 
 

@@ -4,114 +4,16 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from gaussray.cli.reconstruct import run_demo, run_reconstruct
+from gaussray.cli.result import say_result, write_report
+from gaussray.cli.selected_capture import selected_capture
 from gaussray.config.compose import Configuration
-from gaussray.config.options import as_type, build_options, field_value
-from gaussray.config.run_folder import begin_run_folder, changed_keys
-from gaussray.config.yaml_files import to_plain
-from gaussray.runtime.devices import DevicesOptions, is_primary, start_devices
+from gaussray.config.options import as_type, build_options
+from gaussray.config.run_folder import begin_run_folder
+from gaussray.runtime.devices import DevicesOptions, start_devices
 from gaussray.runtime.lock import lock_output
 from gaussray.runtime.output import counted
 from gaussray.runtime.progress import say
-from gaussray.runtime.provenance import given_keys
-from gaussray.runtime.recent_programs import read_ahead
-
-
-def reconstruct_options(cfg: Configuration) -> Any:
-    """The ReconstructOptions of a configuration. Keys of the command line stay as they are set."""
-    from gaussray.reconstruct.options import ReconstructOptions
-
-    defaults = ReconstructOptions()
-    groups = [name for name in vars(defaults) if name in cfg]
-    parts = {name: build_options(type(getattr(defaults, name)), cfg[name]) for name in groups}
-    return ReconstructOptions(**parts, explicit_keys=given_keys())
-
-
-def _capture(path: str, node: Configuration, label: str, prefix: str = "") -> Any:
-    """Open the capture at a path with the selection (frames, crop, scale, ...) of a configuration.
-
-    The keys of `node` that begin with `prefix` hold the selection; `label` stands before a key in
-    messages.
-    """
-    from gaussray.capture.open import open_capture
-    from gaussray.capture.selection import Selection
-
-    def value(name: str) -> Any:
-        return to_plain(node[prefix + name])
-
-    fields = Selection.__dataclass_fields__.items()
-    selection = Selection(**{n: field_value(f, value(n), f"{label}{n}") for n, f in fields})
-    format, background = (
-        as_type(str, value(name), f"{label}{name}") for name in ("format", "background")
-    )
-    return open_capture(path, format, background, selection=selection)
-
-
-def _reconstruct(cfg: Configuration, devices: int | None) -> dict[str, Any]:
-    read_ahead(f"reconstruct {Path(str(cfg.capture.path)).resolve()}")
-    from gaussray.reconstruct.data.training_split import (
-        demand_training_pictures,
-        division_sentence,
-    )
-    from gaussray.reconstruct.log import refuse
-    from gaussray.reconstruct.pipeline import reconstruct
-    from gaussray.reconstruct.same_capture import demand_same_capture
-    from gaussray.scene.segmented import scene_size
-
-    chosen = reconstruct_options(cfg)
-    capture = _capture(cfg.capture.path, cfg.capture, "capture.")
-    # Lock first: another process may be about to finish the run.
-    lock_output(Path(cfg.out))
-    resume = should_resume(cfg)
-    if resume is None:
-        out = Path(cfg.out)
-        names = changed_keys(cfg)
-        other = f" It has other values of {', '.join(names)}." if names else ""
-        text = f"{out / 'scene.npz'}: is finished.{other} resume=false starts again."
-        _say(text, out=str(out))
-        return {}
-    refuse(Path(cfg.out), resume=resume)
-    if resume:
-        demand_same_capture(Path(cfg.out), capture)
-    demand_training_pictures(capture, list(cfg.capture.frames))
-    out = begin_run_folder(cfg)
-    if is_primary() and not cfg.quiet:
-        chosen_test = list(cfg.capture.test) != ["auto"]
-        say(division_sentence(capture, chosen_test, list(cfg.capture.frames)))
-    scene = reconstruct(
-        capture,
-        out,
-        options=chosen,
-        resume=resume,
-        devices=devices,
-        quiet=cfg.quiet,
-        listener=_tensorboard(cfg, out),
-    )
-    facts = scene_size(scene)
-    text = f"{out / 'scene.npz'}: {facts['gaussians']} Gaussians, of which {facts['moving']} move"
-    text += f" and {facts['transient']} are transient." if facts.get("transient") else "."
-    text += f" Look at them: gaussray view scene={out}"
-    _say(text, out=str(out), scene=facts)
-    return {"scene": scene, "capture": capture}
-
-
-def should_resume(cfg: Configuration) -> bool | None:
-    """Whether to resume the run in `out`; None if resume=auto finds it finished."""
-    if isinstance(cfg.resume, bool):
-        return cfg.resume
-    if cfg.resume != "auto":
-        raise ValueError(f"resume must be true, false or auto, got {cfg.resume!r}.")
-    out = Path(cfg.out)
-    # requirement.json is written last, before the checkpoint is removed.
-    finished = (out / "requirement.json").is_file() and (out / "scene.npz").is_file()
-    interrupted = (out / "checkpoint.npz").is_file()
-    return None if finished and not interrupted else interrupted
-
-
-def _tensorboard(cfg: Configuration, out: Path) -> Callable[[dict[str, Any]], None] | None:
-    """A function that logs scalars for TensorBoard, None if it is off."""
-    from gaussray.runtime.tensorboard import tensorboard
-
-    return tensorboard(out / "tensorboard") if cfg.tensorboard and is_primary() else None
 
 
 def _render(cfg: Configuration, devices: int | None) -> dict[str, Any]:
@@ -137,8 +39,24 @@ def _render(cfg: Configuration, devices: int | None) -> dict[str, Any]:
     effect, count = job.records[0].effect, len(job.records)
     text = f"{out}: {count} {'picture' if count == 1 else 'pictures'} ({effect.replace('_', ' ')})."
     text += f" Open {out / 'report.html'} in a browser." if cfg.report else ""
-    _say(text, out=str(out), frames=count, effect=effect)
+    say_result(text, out=str(out), frames=count, effect=effect)
     return {"scene": job.scene}
+
+
+def generate(cfg: Configuration, overrides: Sequence[str]) -> None:
+    """Render a data set: samples of the configuration's distributions (dataset.count).
+
+    Args:
+        cfg: configuration of `gaussray render`.
+        overrides: words of the command line, KEY=VALUE. Each sample adds its drawn values to them.
+    """
+    from gaussray.config.samples import generate_dataset
+    from gaussray.dataset.sample_manifest import MANIFEST
+
+    result, out = generate_dataset(cfg, overrides), Path(str(cfg.out))
+    if cfg.report and (out / MANIFEST).is_file():
+        write_report("dataset", out, {})
+    say(result, "result", verb="render", out=cfg.out)
 
 
 def view(cfg: Configuration, overrides: Sequence[str]) -> None:
@@ -153,7 +71,7 @@ def view(cfg: Configuration, overrides: Sequence[str]) -> None:
 
     start_devices(build_options(DevicesOptions, cfg.devices))
     server = serve(cfg, overrides)
-    _say(
+    say_result(
         f"{server.url} shows {cfg.scene}. The first pictures take longer, until their programs are "
         "compiled. Stop with Ctrl-C.",
         url=server.url,
@@ -175,7 +93,7 @@ def _evaluate(cfg: Configuration, devices: int | None) -> dict[str, Any]:
         build_options(TraceOptions, cfg.trace),
     )
     render = build_options(RenderOptions, cfg.render)
-    scene, truth = load(cfg.scene), _capture(cfg.truth, cfg, "truth_", "truth_")
+    scene, truth = load(cfg.scene), selected_capture(cfg.truth, cfg, "truth_", "truth_")
     truth = with_found_cameras(truth, Path(cfg.scene))
     if cfg.out == f"{cfg.scene}/evaluation" and Path(cfg.scene).is_file():
         # Several scenes may be files of one folder; that of a run has its evaluation there.
@@ -193,7 +111,7 @@ def _evaluate(cfg: Configuration, devices: int | None) -> dict[str, Any]:
         devices=devices,
         quiet=cfg.quiet,
     )
-    _say(scores_text(report), out=str(out), report=report)
+    say_result(scores_text(report), out=str(out), report=report)
     return {"scene": scene, "capture": truth}
 
 
@@ -208,10 +126,10 @@ def _calibrate(cfg: Configuration, devices: int | None) -> dict[str, Any]:
         build_options(CalibrateOptions, cfg.calibrate),
         build_options(TraceOptions, cfg.trace),
     )
-    scene, capture = load(cfg.scene), _capture(cfg.capture.path, cfg.capture, "capture.")
+    scene, capture = load(cfg.scene), selected_capture(cfg.capture.path, cfg.capture, "capture.")
     out = begin_run_folder(cfg)
     report = calibrate(scene, capture, out, options=chosen, trace=trace, quiet=cfg.quiet)
-    _say(calibration_table(report), out=str(out), report=report)
+    say_result(calibration_table(report), out=str(out), report=report)
     return {"scene": scene, "capture": capture}
 
 
@@ -244,7 +162,7 @@ def _prepare(cfg: Configuration, devices: int | None) -> None:
     if doubts := doubts_text(Finding(**finding) for finding in facts["findings"]):
         lines += [doubts, f"See {out / 'report.html'}."] if cfg.report else [doubts]
     text = "\n".join([*lines, f"Next: gaussray reconstruct capture.path={out}"])
-    _say(text, out=str(out), findings=facts["findings"])
+    say_result(text, out=str(out), findings=facts["findings"])
 
 
 def _import(cfg: Configuration, devices: int | None) -> None:
@@ -254,7 +172,7 @@ def _import(cfg: Configuration, devices: int | None) -> None:
     iteration = None if cfg.iteration is None else as_type(int, cfg.iteration, "iteration")
     scene, assumed = import_model(cfg.source, cfg.out, color=color, iteration=iteration)
     out = begin_run_folder(cfg)
-    _say(f"{out / 'scene.npz'}: {scene.count} Gaussians.\n{assumed}")
+    say_result(f"{out / 'scene.npz'}: {scene.count} Gaussians.\n{assumed}")
 
 
 def _export(cfg: Configuration, devices: int | None) -> None:
@@ -280,7 +198,7 @@ def _export(cfg: Configuration, devices: int | None) -> None:
         message = export_sequence(scene, cfg.out, count, color=color, degree=degree, format=kind)
     else:
         _, message = export_model(scene, cfg.out, time, color=color, degree=degree, format=kind)
-    _say(f"{cfg.out}: {message}")
+    say_result(f"{cfg.out}: {message}")
 
 
 def _pack(cfg: Configuration, devices: int | None) -> None:
@@ -293,48 +211,17 @@ def _pack(cfg: Configuration, devices: int | None) -> None:
     if layout != "webdataset":
         imu = build_options(ImuOptions, cfg.imu)
         frames = write_layout(cfg.data, cfg.out, layout, imu=imu)
-        _say(f"{cfg.out}: {frames} frames in the layout {layout}.")
+        say_result(f"{cfg.out}: {frames} frames in the layout {layout}.")
         return
     written = pack(cfg.data, cfg.out, frames_per_tar=count)
-    _say(f"{cfg.out}: {counted(len(written), 'tar file')}.")
+    say_result(f"{cfg.out}: {counted(len(written), 'tar file')}.")
 
 
-def _demo(cfg: Configuration, devices: int | None) -> dict[str, Any]:
-    from gaussray.capture.formats.paired import read_capture
-    from gaussray.cli.demo import DemoOptions, demo
-    from gaussray.evaluate.options import EvaluateOptions
-    from gaussray.io.sample_data import sample
-    from gaussray.render.options import RenderOptions
-    from gaussray.scene.store import load_scene
-
-    options = DemoOptions(
-        reconstruct_options(cfg),
-        build_options(RenderOptions, cfg.render),
-        build_options(EvaluateOptions, cfg.evaluate),
-    )
-    out = begin_run_folder(cfg)
-    demo(
-        cfg.capture.path,
-        out,
-        options=options,
-        devices=devices,
-        quiet=cfg.quiet,
-        listener=_tensorboard(cfg, out),
-    )
-    capture = read_capture(cfg.capture.path or sample("capture"))
-    return {"scene": load_scene(out), "capture": capture}
-
-
-def _say(text: str, **facts: Any) -> None:
-    """Print the result of a command, once for all processes."""
-    if is_primary():
-        say(text, "result", **facts)
-
-
-# The function of each command. It returns what the report shows: the scene, the capture.
+# The function of each command. It returns what the report shows: the scene, the capture. Two are
+# apart, because they start devices on their own: `view`, and `render` of a data set (`generate`).
 RUN: dict[str, Callable[[Configuration, int | None], dict[str, Any] | None]] = {
-    "demo": _demo,
-    "reconstruct": _reconstruct,
+    "demo": run_demo,
+    "reconstruct": run_reconstruct,
     "render": _render,
     "evaluate": _evaluate,
     "calibrate": _calibrate,

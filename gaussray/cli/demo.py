@@ -16,6 +16,7 @@ from gaussray.io.atomic import write_json
 from gaussray.io.sample_data import sample
 from gaussray.reconstruct.options import ReconstructOptions
 from gaussray.reconstruct.pipeline import reconstruct
+from gaussray.reconstruct.run_state import has_checkpoint
 from gaussray.render.options import RenderOptions
 from gaussray.runtime.devices import is_primary
 from gaussray.runtime.progress import say
@@ -68,7 +69,7 @@ def demo(
         truth,
         out,
         options=options.reconstruct,
-        resume=(out / "checkpoint.npz").exists(),
+        resume=has_checkpoint(out),
         devices=devices,
         quiet=quiet,
         listener=listener,

@@ -6,15 +6,14 @@ import signal
 import sys
 import time
 import traceback
-import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import FrameType
-from typing import Any
 
-from gaussray.cli.commands import RUN, view
+from gaussray.cli.commands import RUN, generate, view
 from gaussray.cli.completion import script
 from gaussray.cli.help import COMMANDS
+from gaussray.cli.result import write_report
 from gaussray.config.compose import compose_config
 from gaussray.config.options import build_options
 from gaussray.config.suggest import did_you_mean
@@ -51,7 +50,7 @@ RESUME = {
 }
 # Commands that keep large temporary files in the output folder: SIGTERM ends them as an interrupt
 # does, so that these are removed.
-_TIDY = ("prepare",)
+_CLEANS_UP_ON_SIGTERM = ("prepare",)
 
 
 def run_and_report(words: list[str]) -> None:
@@ -100,15 +99,15 @@ def _resume_hint(command: str) -> str:
 
 @contextlib.contextmanager
 def _terminated_as_interrupted(command: str) -> Iterator[None]:
-    """Within the block SIGTERM interrupts a command of `_TIDY`, as Ctrl-C does. A second one does
-    nothing, so that what the command removes is removed completely."""
+    """Within the block SIGTERM interrupts a command of `_CLEANS_UP_ON_SIGTERM`, as Ctrl-C does. A
+    second one does nothing, so that what the command removes is removed completely."""
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
         raise KeyboardInterrupt
 
     before = None
-    if command in _TIDY:
+    if command in _CLEANS_UP_ON_SIGTERM:
         # Only the main thread may change that.
         with contextlib.suppress(ValueError):
             before = signal.signal(signal.SIGTERM, interrupt)
@@ -141,13 +140,7 @@ def _run(command: str, overrides: Sequence[str]) -> None:
     check_style(str(cfg.get("progress", "auto")))
     limit(build_options(Limits, cfg.limits))
     if command == "render" and cfg.dataset.count:
-        from gaussray.config.samples import generate_dataset
-        from gaussray.dataset.sample_manifest import MANIFEST
-
-        result = generate_dataset(cfg, overrides)
-        if cfg.report and (Path(str(cfg.out)) / MANIFEST).is_file():
-            _write_report("dataset", Path(str(cfg.out)), {})
-        say(result, "result", verb=command, out=cfg.out)
+        generate(cfg, overrides)
         return
     if command == "view":
         view(cfg, overrides)
@@ -161,7 +154,7 @@ def _run(command: str, overrides: Sequence[str]) -> None:
             quiet = bool(cfg.get("quiet")) or style() == "json"
             bar = Progress("report", 1, quiet=quiet)
             bar.report(0, "being written")
-            _write_report(command, out, report)
+            write_report(command, out, report)
             bar.report(1)
 
 
@@ -171,21 +164,6 @@ def _style(words: Sequence[str]) -> str:
     styles = [word.split("=", 1)[1] for word in words if word.startswith("progress=")]
     styles = [name for name in styles if name in STYLES]
     return (styles or ["quiet" if "quiet=true" in words else "auto"])[-1]
-
-
-def _write_report(command: str, out: Path, report: dict[str, Any]) -> None:
-    """Write report.html into the output folder. A failure is a warning, because the results are
-    complete without it."""
-    from gaussray.report import write_page
-
-    try:
-        write_page(command, out, scene=report.get("scene"), capture=report.get("capture"))
-    except Exception as error:
-        warnings.warn(
-            f"{out / 'report.html'}: the report could not be written ({type(error).__name__}: "
-            f"{error}). All results are there.",
-            stacklevel=2,
-        )
 
 
 def _fail(message: str, code: int = 2) -> None:

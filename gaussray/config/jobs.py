@@ -1,17 +1,16 @@
 """Makes render jobs from a configuration."""
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from gaussray.camera.sensor.sensor import SensorOptions
-from gaussray.camera.shutter import time_window
 from gaussray.capture.capture import View
 from gaussray.config.compose import Configuration
 from gaussray.config.focus_notes import note_depth_of_field
 from gaussray.config.options import as_type, build_options
+from gaussray.config.render_notes import note_cameras, note_flow, note_size, note_times
 from gaussray.config.yaml_files import to_plain
 from gaussray.dataset.manifest import FrameRecord
 from gaussray.render.aov.labeller import check_labels
@@ -19,18 +18,15 @@ from gaussray.render.focus import FocusMeter
 from gaussray.render.job import RenderJob
 from gaussray.render.options import DatasetOptions, RenderOptions
 from gaussray.render.rig import physical_units as physical, rig as rigs
+from gaussray.render.rig.fitted_cameras import fitted_cameras_file, read_fitted_cameras
 from gaussray.render.rig.placed import placed_views
 from gaussray.render.rig.used_keys import apply_implied_choices, check_used_keys
 from gaussray.render.rig.validate import check_cameras
+from gaussray.render.rig.view_files import load_views
 from gaussray.scene.formats.any_file import is_foreign, load
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip, segments_of
 from gaussray.tracer.options import TraceOptions
-
-
-# Rows of the last picture may be read after the last time: by more than this share of all times, a
-# picture is told to be outside.
-_FAR = 0.1
 
 
 def rig_options(cfg: Configuration) -> rigs.RigOptions:
@@ -48,7 +44,7 @@ def rig_options(cfg: Configuration) -> rigs.RigOptions:
 def render_job(
     cfg: Configuration,
     load: Callable = load,
-    cameras: Callable = rigs.load_views,
+    cameras: Callable = load_views,
     note: Callable[[str], Any] | None = None,
     meter: Callable[[Scene | Clip, TraceOptions], FocusMeter] = FocusMeter,
 ) -> RenderJob:
@@ -66,6 +62,8 @@ def render_job(
     """
     rig, notes = apply_implied_choices(rig_options(cfg))
     tell = note or (lambda line: None)
+    # What is measured or read for a note alone is left out where nobody gets it.
+    noted = note is not None
     for line in notes:
         tell(line)
     units = build_options(physical.PhysicalOptions, cfg.physical)
@@ -81,10 +79,11 @@ def render_job(
     check_labels(labels)
     scene = load(cfg.scene)
     views = chosen_views(cfg, scene, rig.camera, cameras)
-    _note_of_cameras(views, rig.camera, tell)
-    fitted = cfg.cameras is None and rig.camera.kind == "capture"
-    if note is not None and fitted and not rig.film.size:
-        _note_of_size(views, rigs.fit_scale(cfg.scene), tell)
+    note_cameras(views, rig.camera, tell)
+    of_fit = cfg.cameras is None and rig.camera.kind == "capture"
+    if noted and of_fit and not rig.film.size:
+        fitted = read_fitted_cameras(cfg.scene)
+        note_size(views, fitted.scale if fitted else 1.0, tell)
     in_scene_units = physical.apply_units(rig, units)
     check_used_keys(in_scene_units)
     focus_meter = meter(scene, trace)
@@ -98,58 +97,14 @@ def render_job(
     )
     physical.check_shape(units, (record.camera.film for record in records))
     check_cameras(in_scene_units, records)
-    _note_of_times(scene, records, tell)
-    if note is not None and in_scene_units.aperture.radius:
-        note_depth_of_field(in_scene_units.aperture, records[0].camera, options, focus_meter, note)
+    note_times(_time_range(scene), records, tell)
+    if noted and in_scene_units.aperture.radius:
+        note_depth_of_field(in_scene_units.aperture, records[0].camera, options, focus_meter, tell)
     labels = _possible_labels(labels, records, views, tell)
-    _note_of_flow(labels, records, views, tell)
+    note_flow(_flow_labels(labels), records, views, tell)
     info = physical.units_record(rig, units)
     dataset = DatasetOptions(sensor, labels, fps, info)
     return RenderJob(scene, records, options, trace, dataset)
-
-
-def _note_of_cameras(
-    views: Sequence[View], camera: rigs.CameraOptions, note: Callable[[str], Any]
-) -> None:
-    """Say which cameras are rendered where none of those that the default asks for is there."""
-    held_out = any(view.split == "test" for view in views)
-    if camera.kind == "capture" and camera.split == "test" and not camera.names and not held_out:
-        names = list(dict.fromkeys(view.camera_name for view in views))
-        listed = ", ".join(names) if len(names) < 4 else f"{names[0]} to {names[-1]}"
-        note(
-            f"No camera is held out, so all {len(names)} are rendered ({listed}); "
-            "camera.names=[CAMERA] chooses some."
-        )
-
-
-def _note_of_size(views: Sequence[View], scale: float, note: Callable[[str], Any]) -> None:
-    """Say that pictures are smaller than the capture's where the fit saw smaller ones."""
-    if scale < 1 and views:
-        note(
-            f"Pictures are {views[0].width} x {views[0].height}, as the fit saw them ({scale:.2g} "
-            "of the capture's sides); film.size=[WIDTH,HEIGHT] sets another size."
-        )
-
-
-def _note_of_times(
-    scene: Scene | Clip, records: Sequence[FrameRecord], note: Callable[[str], Any]
-) -> None:
-    """Say how many pictures are exposed far outside of the scene's times, where nothing moves."""
-    begin, end = _time_range(scene)
-    windows: dict[int, tuple[float, float]] = {}
-    outside = 0
-    for camera in (record.camera for record in records):
-        key = id(camera.shutter)
-        if key not in windows:
-            windows[key] = time_window(camera.shutter, (camera.film.width, camera.film.height))
-        first, last = (float(camera.time) + moment for moment in windows[key])
-        outside += max(begin - first, last - end) > _FAR * (end - begin)
-    if outside and end > begin:
-        note(
-            f"{outside} of {len(records)} pictures are exposed far outside of the scene's times, "
-            f"{begin:g} to {end:g}, where nothing moves. Times are in the capture's unit; "
-            "physical.* takes milliseconds."
-        )
 
 
 def _time_range(scene: Scene | Clip) -> tuple[float, float]:
@@ -178,43 +133,6 @@ def _possible_labels(
     return [name for name in labels if name not in flow]
 
 
-def _note_of_flow(
-    labels: Sequence[str],
-    records: Sequence[FrameRecord],
-    views: Sequence[View],
-    note: Callable[[str], Any],
-) -> None:
-    """Say where flow leads from the only frames of their cameras, and which have none."""
-    lone = [record for record in records if record.neighbours is not None]
-    of_capture = {view.camera_name for view in views}
-    owner = "that camera" if all(r.camera_name in of_capture for r in lone) else "its first camera"
-    for label in _flow_labels(labels):
-        side, which = (1, "next") if label == "flow_forward" else (0, "previous")
-        steps, without = dict[str, list[str]](), list[str]()
-        for record in lone:
-            other = (record.neighbours or (None, None))[side]
-            if other is None:
-                without.append(record.camera_name)
-                continue
-            step = f"{abs(float(other.time) - float(record.camera.time)):.4g}"
-            steps.setdefault(step, []).append(record.camera_name)
-        for step, names in steps.items():
-            note(
-                f"{label} of the only frame of {_first(names)} leads to the capture's {which} "
-                f"frame of {owner}, {step} in time away."
-            )
-        if without:
-            note(
-                f"{label} of the only frame of {_first(without)} is NaN: the capture has no "
-                f"{which} frame of {owner} within the scene's times."
-            )
-
-
-def _first(names: Sequence[str]) -> str:
-    """Few names, or the first of many and how many others there are."""
-    return ", ".join(names) if len(names) < 4 else f"{names[0]} and {len(names) - 1} others"
-
-
 def chosen_views(
     cfg: Configuration, scene: Scene | Clip, camera: rigs.CameraOptions, cameras: Callable
 ) -> list[View]:
@@ -234,7 +152,5 @@ def chosen_views(
 
 def has_cameras(cfg: Configuration) -> bool:
     """Whether there is a capture: one that is named, or that of the reconstructed scene."""
-    path = Path(cfg.scene)
-    folder = path if path.is_dir() else path.parent
-    has_cameras_file = not is_foreign(path) and (folder / "cameras.json").is_file()
-    return cfg.cameras is not None or has_cameras_file
+    fitted = not is_foreign(cfg.scene) and fitted_cameras_file(cfg.scene).is_file()
+    return cfg.cameras is not None or fitted

@@ -33,7 +33,7 @@ from gaussray.render.randomize.generate import (
     refuse_other_samples,
 )
 from gaussray.render.randomize.options import DrawOptions
-from gaussray.render.rig import rig as rigs
+from gaussray.render.rig.view_files import load_views
 from gaussray.runtime.devices import DevicesOptions, is_distributed, start_devices
 from gaussray.scene.formats.any_file import load
 from gaussray.scene.scene import Scene
@@ -173,7 +173,7 @@ def sample_source(cfg: Configuration, overrides: Sequence[str]) -> SampleSource:
     """
     _check_drawn_keys(cfg, overrides)
     variations = Variations("render", overrides)
-    read, cameras = functools.lru_cache(_KEPT)(load), functools.lru_cache(_KEPT)(rigs.load_views)
+    read, cameras = functools.lru_cache(_KEPT)(load), functools.lru_cache(_KEPT)(load_views)
     options = build_options(DrawOptions, cfg.dataset)
     meters: dict[tuple[int, TraceOptions], FocusMeter] = {}
 

@@ -66,8 +66,10 @@ class ManifestEntry(NamedTuple):
     tables: Mapping[str, np.ndarray]
 
 
-# Key of `info` in the cameras.json of a reconstruction: sides of the pictures that it fitted, over
-# those of the capture.
+# The manifest of a reconstruction: the capture's cameras, as refined.
+CAMERAS_FILE = "cameras.json"
+# Key of its `info`: sides of the pictures that the reconstruction fitted, over those of the
+# capture.
 FIT_SCALE = "fit_scale"
 
 

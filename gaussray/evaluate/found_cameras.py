@@ -1,12 +1,10 @@
 """The cameras of a capture as the fit of a scene found them."""
 
 import dataclasses
-from collections.abc import Mapping
 from pathlib import Path
 
 from gaussray.capture.capture import Capture, View
-from gaussray.capture.formats.paired import read_cameras
-from gaussray.capture.formats.transforms import json_object
+from gaussray.render.rig.fitted_cameras import read_fitted_cameras
 
 
 def with_found_cameras(truth: Capture, scene: Path) -> Capture:
@@ -18,16 +16,11 @@ def with_found_cameras(truth: Capture, scene: Path) -> Capture:
         truth: the capture that the scene is scored on.
         scene: the folder of a reconstruction, or a scene file in it.
     """
-    path = (scene if scene.is_dir() else scene.parent) / "cameras.json"
-    if not truth.views or not path.is_file():
+    fitted = read_fitted_cameras(scene) if truth.views else None
+    if fitted is None or not fitted.refined:
         return truth
-    content = json_object(path)
-    info = content.get("info")
-    if not isinstance(info, Mapping) or not info.get("refined"):
-        return truth
-    cameras = read_cameras(path, truth.views[0].camera.time.dtype)
-    names = [str(frame["file_path"]) for frame in content["frames"]]
-    found = dict(zip(names, cameras, strict=True))
+    cameras = fitted.views(truth.views[0].camera.time.dtype)
+    found = dict(zip(fitted.pictures, cameras, strict=True))
 
     def changed(views: list[View]) -> list[View]:
         return [_found(view, found.get(str(view.image.resolve()))) for view in views]

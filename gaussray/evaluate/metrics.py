@@ -79,22 +79,21 @@ def ssim(truth: np.ndarray | Array, image: np.ndarray | Array, mask: Mask | None
     return float(values.mean()) if values.size else float("nan")
 
 
-def unit_values(image: np.ndarray | Array, kind: type = np.float64) -> np.ndarray:
-    """Encoded colours as floats: 8-bit levels divided by 255, floats as they are.
+def unit_values(image: np.ndarray | Array) -> np.ndarray:
+    """Encoded colours in double precision: 8-bit levels divided by 255, floats as they are.
 
     Args:
         image: the picture.
-        kind: type of the result.
 
     Raises:
         ValueError: the pictures are neither uint8 nor floats.
     """
     image = np.asarray(image)
     if image.dtype == np.uint8:
-        return image.astype(kind) / kind(255)
+        return image.astype(np.float64) / 255
     if not np.issubdtype(image.dtype, np.floating):
         raise ValueError(f"encoded pictures must be uint8 or floats, got {image.dtype}.")
-    return image.astype(kind)
+    return image.astype(np.float64)
 
 
 def _pair(truth, image, mask):

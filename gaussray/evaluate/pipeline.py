@@ -7,23 +7,28 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Bool, UInt8
+from jaxtyping import UInt8
 
 from gaussray.camera.shutter import time_window
 from gaussray.capture.capture import Capture, View
 from gaussray.capture.picture_file import picture_size, read_levels
 from gaussray.capture.spread import evenly_spread
-from gaussray.dataset.images import contact_sheet, side_by_side, srgb_levels, write_image
+from gaussray.dataset.images import contact_sheet, side_by_side, write_image
 from gaussray.dataset.video import write_video
 from gaussray.evaluate.flicker import Flicker
-from gaussray.evaluate.masks import MotionMasks, circle_mask, view_levels, visible_mask
-from gaussray.evaluate.metrics import psnr, ssim
+from gaussray.evaluate.masks import MotionMasks
 from gaussray.evaluate.options import EvaluateOptions
 from gaussray.evaluate.perceptual import perceptual_metrics
+from gaussray.evaluate.picture_scores import (
+    ScoredPicture,
+    picture_file_name,
+    score_line,
+    score_picture,
+)
 from gaussray.evaluate.scores import summary
 from gaussray.io.atomic import atomic_path, check_files_exist, remove_partial_files, write_json
 from gaussray.render.frame import Frame
@@ -123,16 +128,6 @@ def _chosen_views(
     return chosen
 
 
-class _Scored(NamedTuple):
-    """A picture's scores, the truth and the rendering in 8-bit levels, and the pixels inside the
-    lens's field of view (None: all)."""
-
-    row: dict[str, Any]
-    real: UInt8[np.ndarray, "h w 3"]
-    ours: UInt8[np.ndarray, "h w 3"]
-    visible: Bool[np.ndarray, "h w"] | None
-
-
 class _Evaluation:
     """Scores pictures, and collects what the report shows."""
 
@@ -164,16 +159,16 @@ class _Evaluation:
         rows: list[dict[str, Any]] = []
         films: dict[str, list[Path]] = {}
 
-        def add(view: View, scored: _Scored) -> None:
+        def add(view: View, scored: ScoredPicture) -> None:
             row, real, ours = scored.row, scored.real, scored.ours
             rows.append(row)
-            self.lines.append(_line(effect, view, row))
+            self.lines.append(score_line(effect, view, row))
             static = masks.static(view)
             if static is not None:
                 mask = static & (True if scored.visible is None else scored.visible)
                 flicker.add(row["part"], view.camera_name, mask, real, ours)
             if self.options.images:
-                file = self._write_image(f"{effect}/{_file(view)}", real, ours)
+                file = self._write_image(f"{effect}/{picture_file_name(view)}", real, ours)
                 films.setdefault(view.camera_name, []).append(file)
             if len(rows) == (len(views) + 1) // 2:
                 difference = side_by_side(real, ours)[:, -real.shape[1] :]
@@ -181,12 +176,14 @@ class _Evaluation:
             mean = np.mean([row["psnr"] for row in rows])
             self.progress.report(len(self.lines), f"{effect} {mean:.2f} dB")
 
+        score = partial(
+            score_picture, masks=masks, perceptual=self.perceptual, trained=self.trained
+        )
         # Pictures are rendered while nothing else runs, for their times are measured; then they are
         # scored side by side.
         with ThreadPoolExecutor(cores(), "evaluate") as threads:
             for batch, frames in _rendered(views, renderer):
                 masks.find(batch, threads)
-                score = partial(self._scored, masks)
                 for view, scored in zip(batch, threads.map(score, batch, frames), strict=True):
                     add(view, scored)
         check_files_exist(self.out, self.written)
@@ -196,17 +193,6 @@ class _Evaluation:
             write_video(self.out / self.written[-1], map(_truth_and_ours, files), fps=8)
         self.report["effects"][effect] = summary(rows, self.options.samples(effect), flicker)
         self.report["frames"] += len(views)
-
-    def _scored(self, masks: MotionMasks, view: View, frame: Frame) -> _Scored:
-        """A picture's scores."""
-        ours, real = srgb_levels(frame.color), view_levels(view)
-        visible = visible_mask(view.camera)
-        fills = view.camera.lens.fills_picture
-        row = _score(real, ours, visible, masks.moving(view, real), fills=fills)
-        row |= {name: measure(real, ours) for name, measure in self.perceptual.items()}
-        row["seconds"] = None if frame.compiled else frame.seconds
-        row["part"] = _part(view, self.trained)
-        return _Scored(row, real, ours, visible)
 
     def write(self, scene: Scene | Clip) -> dict[str, Any]:
         """Write contact sheet, scores and report, and return the report."""
@@ -254,20 +240,6 @@ def _cost(view: View, samples: int) -> float:
     return 1.0 + samples * (many if last > first else 1.0)
 
 
-def _line(effect: str, view: View, row: dict[str, Any]) -> dict[str, Any]:
-    """The line of a picture in scores.jsonl; `file` is its truth | rendering | difference."""
-    named = {"effect": effect, "camera": view.camera_name, "time": view.time, "part": row["part"]}
-    file = f"{effect}/{_file(view)}"
-    figures = {name: x for name, x in row.items() if isinstance(x, float)}
-    # Equal pictures have an infinite PSNR, which JSON cannot represent.
-    figures = {name: x if np.isfinite(x) else None for name, x in figures.items()}
-    return named | {"file": file} | figures
-
-
-def _file(view: View) -> str:
-    return f"{view.camera_name}_{view.time:.4f}.png"
-
-
 def _shared_report(report: dict[str, Any] | None) -> dict[str, Any]:
     """Host 0's report, on every host."""
     text = np.frombuffer(json.dumps(report).encode(), np.uint8)
@@ -279,38 +251,3 @@ def _shared_report(report: dict[str, Any] | None) -> dict[str, Any]:
 def _split_views(views: Sequence[View], options: EvaluateOptions) -> list[View]:
     selected = [v for v in views if options.split in ("all", v.split)]
     return evenly_spread(selected, options.frames) if options.frames else selected
-
-
-def _score(
-    real: UInt8[np.ndarray, "h w 3"],
-    ours: UInt8[np.ndarray, "h w 3"],
-    visible: Bool[np.ndarray, "h w"] | None,
-    moving: Bool[np.ndarray, "h w"] | None,
-    *,
-    fills: bool,
-) -> dict[str, Any]:
-    """The scores of a picture; `moving` is the summed squared error and its number of values.
-
-    Where a lens should fill the picture (`fills`), pixels without a ray do not count, nor a rim of
-    one pixel around these: the scene cannot show there what the picture does. Around the circle of
-    a fisheye both are black. SSIM leaves out the border of the picture, whatever else counts.
-    """
-    counted = visible if fills else None
-    score: dict[str, Any] = {"psnr": psnr(real, ours, counted)}
-    score["ssim"] = ssim(real, ours, counted)
-    if moving is not None and counted is not None:
-        moving = moving & counted
-    if visible is not None:
-        for name, mask in (("masked", visible), ("circle", circle_mask(visible.shape))):
-            score[f"psnr_{name}"] = psnr(real, ours, mask)
-            score[f"ssim_{name}"] = ssim(real, ours, mask)
-    if moving is not None and moving.any():
-        error = (real.astype(np.float64) - ours)[moving] / 255
-        score["moving"] = (float(np.sum(error**2)), error.size)
-    return score
-
-
-def _part(view: View, trained: set[str]) -> str:
-    if view.split == "train":
-        return "train"
-    return "held_out_times" if view.camera_name in trained else "held_out_cameras"

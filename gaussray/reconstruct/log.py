@@ -19,34 +19,12 @@ from gaussray.reconstruct.optimize.checkpoint import load_checkpoint, save_check
 from gaussray.reconstruct.optimize.optimizer import Parameters
 from gaussray.reconstruct.optimize.state import State
 from gaussray.reconstruct.run_progress import RunProgress
+from gaussray.reconstruct.run_state import CHECKPOINT_FILE, demand_resumable
 from gaussray.runtime.errors import FitError
 
 
 class NonFiniteLoss(FitError):
     """A term of the loss was not a finite number; the last good state has been written."""
-
-
-def refuse(out: Path, *, resume: bool) -> None:
-    """Stop where an unfinished run would be overwritten, or one that is not there resumed.
-
-    Args:
-        out: the output folder of the run.
-        resume: whether the run shall go on with the one in `out`.
-
-    Raises:
-        ValueError: `out` holds an unfinished run, and `resume` is False.
-        FileNotFoundError: `out` holds none, and `resume` is True.
-    """
-    unfinished = (out / "checkpoint.npz").is_file()
-    if unfinished and not resume:
-        raise ValueError(
-            f"out={out} holds an unfinished reconstruction. Add resume=true to go on with it, "
-            "or choose another folder."
-        )
-    if resume and not unfinished:
-        raise FileNotFoundError(
-            f"out={out}: holds no checkpoint.npz to go on with. Leave out resume=true."
-        )
 
 
 class RunLog:
@@ -76,8 +54,8 @@ class RunLog:
     ):
         self.out, self.interval, self.writes, self.listener = out, interval, writes, listener
         self.began = self.saved = clock.monotonic()
-        self.checkpoint, self.metrics = out / "checkpoint.npz", out / "metrics.jsonl"
-        refuse(out, resume=resume)
+        self.checkpoint, self.metrics = out / CHECKPOINT_FILE, out / "metrics.jsonl"
+        demand_resumable(out, resume=resume)
         if not writes:
             return
         try:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from gaussray.capture.capture import Capture
+from gaussray.dataset.manifest import CAMERAS_FILE
 from gaussray.io.atomic import write_json
 from gaussray.io.validate import check_kind
 from gaussray.reconstruct.checks.failed_fit import demand_success
@@ -15,6 +16,7 @@ from gaussray.reconstruct.optimize.state import State
 from gaussray.reconstruct.options import ReconstructOptions
 from gaussray.reconstruct.plan import FitPlan, fit_plan
 from gaussray.reconstruct.run_progress import RunProgress
+from gaussray.reconstruct.run_state import REQUIREMENT_FILE
 from gaussray.reconstruct.same_capture import demand_same_capture, write_capture_facts
 from gaussray.reconstruct.segment_fit import (
     fitted_state,
@@ -149,7 +151,7 @@ def _fit_segments(
         if is_primary():
             _save(file, scene, report)
             if file == files[0]:
-                path, scale = log.out / "cameras.json", plan.scale
+                path, scale = log.out / CAMERAS_FILE, plan.scale
                 write_refined_cameras(path, session, state, unscaled=plan.unscaled, scale=scale)
         # Hosts that write no file do not know its size.
         if not quiet:
@@ -182,7 +184,7 @@ def _finish(
         _save(out / "scene.npz", result, report)
         name = f"the clip of {len(files)} segments"
         tell(summary_line(report, name) if "after" in report else "", quiet)
-    write_json(out / "requirement.json", report)
+    write_json(out / REQUIREMENT_FILE, report)
     if len(files) > 1:
         _remove(files)
 

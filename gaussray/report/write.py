@@ -10,6 +10,7 @@ from gaussray.capture.formats.paired import read_cameras, read_capture
 from gaussray.capture.formats.transforms import PINHOLE_FILE, effect_file
 from gaussray.dataset.sample_manifest import read_samples
 from gaussray.io.atomic import atomic_path
+from gaussray.render.rig.fitted_cameras import read_fitted_cameras
 from gaussray.report import calibration, cameras, dataset, evaluation, reconstruction
 from gaussray.report.markup import Markup
 from gaussray.report.page import Section, html_page, summary_tiles
@@ -200,8 +201,8 @@ def _timings(report: dict[str, Any]) -> list[tuple[str, Any]]:
 
 def _views(out: Path, capture: Capture | None) -> list[View]:
     """The refined cameras if the run wrote them, else the recorded ones."""
-    path = out / "cameras.json"
-    return read_cameras(path) if path.is_file() else capture.views if capture else []
+    fitted = read_fitted_cameras(out)
+    return fitted.views() if fitted else capture.views if capture else []
 
 
 def _groups(capture: Capture | None, names: list[str] | None) -> dict[str, list[View]]:

@@ -35,19 +35,18 @@ _held: dict[Path, _Held] = {}
 
 
 @contextlib.contextmanager
-def output_lock(out: Path | str, part: str = "") -> Iterator[None]:
+def output_lock(out: Path | str) -> Iterator[None]:
     """Lock an output folder within the block.
 
     A process may lock the same folder several times; the outermost block releases it.
 
     Args:
         out: the output folder; it is made if missing, and removed again if it stays empty.
-        part: name of a share of the folder's work that has a lock of its own ("0/4").
 
     Raises:
         OSError: another process holds the lock, or the folder cannot be written.
     """
-    path = lock_output(out, part)
+    path = lock_output(out)
     try:
         yield
     finally:

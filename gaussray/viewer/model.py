@@ -17,6 +17,7 @@ from gaussray.render.focus import FocusMeter
 from gaussray.render.job import RenderJob
 from gaussray.render.rig import physical_units as physical, rig as rigs
 from gaussray.render.rig.aperture import resolve_aperture
+from gaussray.render.rig.view_files import load_views
 from gaussray.scene.formats.any_file import load
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip
@@ -83,7 +84,7 @@ class ViewerModel:
         camera = options.camera
         if camera.kind == "capture" and not has_cameras(cfg):
             camera = rigs.CameraOptions("look_at")
-        self.views: list[View] = chosen_views(cfg, self.scene, camera, rigs.load_views)
+        self.views: list[View] = chosen_views(cfg, self.scene, camera, load_views)
         self.first_view = self._first_view(options.camera)
         self.fov = horizontal_fov(self.first_view.camera)
         self.initial_values = self._initial_values(cfg, options)

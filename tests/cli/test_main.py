@@ -11,9 +11,10 @@ import toy
 from omegaconf import OmegaConf
 
 from gaussray.capture.open import open_capture
-from gaussray.cli.commands import RUN, should_resume
+from gaussray.cli.commands import RUN
 from gaussray.cli.help import COMMANDS, EXITS, MOST_USED
 from gaussray.cli.main import main
+from gaussray.cli.reconstruct import should_resume
 from gaussray.config.schema import keys
 from gaussray.dataset.images import write_image
 from gaussray.dataset.manifest import write_manifest

@@ -7,7 +7,7 @@ import toy
 from gaussray.config.compose import compose_config
 from gaussray.config.jobs import render_job
 from gaussray.dataset.manifest import write_manifest
-from gaussray.render.rig.rig import load_views
+from gaussray.render.rig.view_files import load_views
 from gaussray.scene.store import save_scene
 
 

@@ -10,7 +10,7 @@ from gaussray.camera.lens import Pinhole
 from gaussray.capture.formats.paired import read_capture
 from gaussray.capture.frames import read_encoded
 from gaussray.dataset.images import write_image
-from gaussray.evaluate import pipeline
+from gaussray.evaluate import picture_scores
 from gaussray.evaluate.masks import visible_mask
 from gaussray.evaluate.options import EvaluateOptions
 from gaussray.evaluate.pipeline import evaluate
@@ -79,7 +79,7 @@ def test_ssim_is_the_same_whether_a_corner_has_a_ray_or_not(capture, tmp_path, m
 
     found = {}
     for count in (0, 2, 7):
-        monkeypatch.setattr(pipeline, "visible_mask", lacking(count))
+        monkeypatch.setattr(picture_scores, "visible_mask", lacking(count))
         found[count] = scores(capture, tmp_path / str(count))
     assert found[2]["ssim"] == pytest.approx(found[0]["ssim"], abs=CLOSE)
     assert found[2]["ssim_masked"] == pytest.approx(found[0]["ssim"], abs=CLOSE)

@@ -37,15 +37,14 @@ def uniform_number(seed: int, index: int, attempt: int, key: str) -> float:
     return ((int.from_bytes(digest[:8], "big") >> 12) + 0.5) * 2.0**-52
 
 
-def read_distributions(tree: Mapping[str, Any], name: str = "sample") -> dict[str, dict[str, Any]]:
-    """Read and check the distributions of a configuration.
+def read_distributions(tree: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Read and check the distributions of a configuration: its keys below `sample`.
 
     A node with one of the words of `EXTRA_KEYS` is a distribution. Beside the `choice` of a whole
     group there may be distributions of the group's keys.
 
     Args:
         tree: a tree that is nested as the keys are.
-        name: name of the tree, for messages.
 
     Returns:
         The distribution of every key.
@@ -54,7 +53,7 @@ def read_distributions(tree: Mapping[str, Any], name: str = "sample") -> dict[st
         ValueError: A distribution is malformed; the message names its key.
     """
     distributions: dict[str, dict[str, Any]] = {}
-    _collect(tree, "", name, distributions)
+    _collect(tree, "", "sample", distributions)
     return distributions
 
 

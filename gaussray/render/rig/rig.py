@@ -2,26 +2,18 @@
 
 import difflib
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
-from pathlib import Path
-from typing import Any
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from gaussray.camera.camera import Camera, check_focus
 from gaussray.camera.lens import AbstractLens
 from gaussray.capture.capture import View
-from gaussray.capture.formats.paired import effect_files, read_cameras
-from gaussray.capture.formats.transforms import PINHOLE_FILE, json_object
-from gaussray.capture.open import FORMATS, format_of
-from gaussray.capture.selection import Selection, cropped_and_scaled
-from gaussray.dataset.manifest import FIT_SCALE, FrameRecord
+from gaussray.dataset.manifest import FrameRecord
 from gaussray.io.plain_values import to_device
-from gaussray.render.aov.labeller import PICTURE_LABELS
 from gaussray.render.rig.aperture import (
     ApertureOptions as ApertureOptions,
     build_aperture,
@@ -243,76 +235,3 @@ def _clip_start(camera: Camera, options: CameraOptions) -> Array | None:
     if options.clip_start is None:
         return camera.clip_start
     return to_device(options.clip_start, camera.time.dtype) if options.clip_start else None
-
-
-def _only_manifest(folder: Path) -> Path:
-    """The manifest of a folder: transforms.json, or the only one of another effect. Those of ground
-    truth, which a render with labels writes beside it, do not count.
-
-    Raises:
-        ValueError: There are several.
-    """
-    if (folder / PINHOLE_FILE).is_file():
-        return folder / PINHOLE_FILE
-    files = effect_files(folder)
-    others = [path for name, path in files.items() if name not in PICTURE_LABELS]
-    found = others or list(files.values())
-    if len(found) > 1:
-        raise ValueError(
-            f"cameras={folder}: has no {PINHOLE_FILE} but several manifests: "
-            f"{', '.join(path.name for path in found)}. Name one of them: cameras={found[0]}."
-        )
-    return found[0]
-
-
-def load_views(scene: Path | str, cameras: Path | str | None) -> list[View]:
-    """Read the views of a capture, or those stored with a reconstructed scene, as large as the
-    pictures that it was fitted to.
-
-    Args:
-        scene: the folder of a reconstruction, or a scene file in it; read if `cameras` is None.
-        cameras: a folder with a capture in any format, or a manifest (JSON).
-
-    Returns:
-        One view per frame: camera, name, split, time and, for a capture, the picture.
-
-    Raises:
-        OSError: A file cannot be read, or the scene has no cameras.json.
-        ValueError: A file is malformed.
-    """
-    if cameras is not None:
-        folder = Path(cameras)
-        if not folder.exists():
-            raise FileNotFoundError(
-                f"cameras={cameras}: no such file or folder. Name a capture's folder, or a "
-                "manifest (JSON)."
-            )
-        if not folder.is_dir():
-            return read_cameras(folder)
-        name = format_of(folder)
-        if name != "paired":
-            return FORMATS[name](folder, jnp.float32).views
-        return read_cameras(_only_manifest(folder))
-    path = Path(scene)
-    path = (path if path.is_dir() else path.parent) / "cameras.json"
-    if not path.is_file():
-        raise FileNotFoundError(
-            f"{path}: no such file. Name a capture's folder, cameras=DIR, or place a camera: "
-            "camera=orbit or camera=look_at."
-        )
-    scaled, made = Selection(scale=fit_scale(path)), dict[Any, Any]()
-    return [cropped_and_scaled(view, scaled, made) for view in read_cameras(path)]
-
-
-def fit_scale(scene: Path | str) -> float:
-    """Sides of the pictures that a reconstruction fitted, over those of the capture: at most 1, and
-    1 where nothing says so.
-
-    Args:
-        scene: the folder of a reconstruction, or a file in it.
-    """
-    path = Path(scene)
-    path = (path if path.is_dir() else path.parent) / "cameras.json"
-    info = json_object(path).get("info") if path.is_file() else None
-    scale = info.get(FIT_SCALE, 1.0) if isinstance(info, Mapping) else 1.0
-    return float(scale) if isinstance(scale, float) and 0 < scale < 1 else 1.0

@@ -22,7 +22,7 @@ from gaussray.config.compose import compose_config
 from gaussray.dataset.pack import pack
 from gaussray.io.ply import read_vertices
 from gaussray.io.safe.limits import Limits, limit, limits
-from gaussray.render.rig.rig import load_views
+from gaussray.render.rig.view_files import load_views
 from gaussray.scene.array_file import write_arrays
 from gaussray.scene.formats.gaussian_folder import read_model
 from gaussray.scene.formats.pth import read_tensors

@@ -11,6 +11,7 @@ from gaussray.camera.shutter import Shutter, interlaced_row_times
 from gaussray.capture.formats.paired import read_views
 from gaussray.dataset.manifest import write_manifest
 from gaussray.render.rig import rig
+from gaussray.render.rig.view_files import load_views
 
 
 def manifest(folder, name="effect.json", **parts):
@@ -74,15 +75,15 @@ def test_lens_and_aperture_of_a_manifest_are_named_unless_the_options_set_them(t
 
 def test_the_folder_that_a_render_wrote_is_read_from_its_only_manifest(tmp_path):
     path = manifest(tmp_path, "rolling_shutter.json", shutter=shutter(row_step=toy.single(0.01)))
-    assert len(rig.load_views("scene.npz", tmp_path)) == 2
+    assert len(load_views("scene.npz", tmp_path)) == 2
     # The ground truth beside it is no other effect.
     truth = [dataclasses.replace(one, effect="sharp") for one in toy.records()[:2]]
     write_manifest(tmp_path / "sharp.json", truth)
-    views = rig.load_views("scene.npz", tmp_path)
+    views = load_views("scene.npz", tmp_path)
     assert float(views[0].camera.shutter.row_step) == pytest.approx(0.01)
     manifest(tmp_path, "fisheye.json")
     with pytest.raises(ValueError, match=r"no transforms.json but .*: fisheye.json, rolling_shutt"):
-        rig.load_views("scene.npz", tmp_path)
+        load_views("scene.npz", tmp_path)
     manifest(tmp_path, "transforms.json")
-    assert named(rig.load_views("scene.npz", tmp_path)) == "pinhole"
+    assert named(load_views("scene.npz", tmp_path)) == "pinhole"
     assert path.is_file()

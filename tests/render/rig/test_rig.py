@@ -1,7 +1,6 @@
 """Every option of the rig exchanges what it names and nothing else."""
 
 import dataclasses
-import json
 
 import jax
 import jax.numpy as jnp
@@ -326,31 +325,11 @@ def test_a_path_comes_from_a_file(views, tmp_path, clock):
     np.testing.assert_array_equal(path.translation[1], [1, 0, -3])
 
 
-def test_cameras_come_from_a_capture_or_from_beside_the_scene(tmp_path):
-    write_manifest(tmp_path / "cameras.json", toy.records())
-    assert len(rig.load_views(tmp_path, None)) == 12
-    assert len(rig.load_views(tmp_path / "scene.npz", None)) == 12
-    with pytest.raises(FileNotFoundError, match="cameras=DIR"):
-        rig.load_views(tmp_path / "none" / "scene.npz", None)
-
-
 def test_pictures_are_png_or_exr(views):
     records = rig.frame_records(views, options=rig.RigOptions(), samples=1, format="exr")
     assert all(record.file_path.endswith(".exr") for record in records)
     with pytest.raises(ValueError, match="format must be png .* or exr .*, got 'jpg'"):
         rig.frame_records(views, options=rig.RigOptions(), samples=1, format="jpg")
-
-
-def test_cameras_of_a_capture_in_splits(tmp_path):
-    pose = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 4], [0, 0, 0, 1]]
-    for split in ("train", "test"):
-        write_image(tmp_path / split / "r_0.png", np.full((12, 16, 3), 0.5))
-        frame = {"file_path": f"./{split}/r_0", "time": 0.5, "transform_matrix": pose}
-        content = {"camera_angle_x": 0.8, "frames": [frame]}
-        (tmp_path / f"transforms_{split}.json").write_text(json.dumps(content))
-    views = rig.load_views(tmp_path / "none", tmp_path)
-    assert [view.split for view in views] == ["train", "test"]
-    assert (views[0].width, views[0].height, views[0].time) == (16, 12, 0.5)
 
 
 def test_a_picture_of_another_size_shows_the_same_view(views):
