@@ -33,6 +33,7 @@ from gaussray.reconstruct.simplify.summary import summary_line
 from gaussray.reconstruct.simplify.tile_views import TrainingViews
 from gaussray.reconstruct.start import continued_state, initial_state
 from gaussray.reconstruct.work_ahead import work_ahead
+from gaussray.runtime.errors import FitError
 from gaussray.scene.deformation import Deformation
 from gaussray.scene.scene import Scene
 from gaussray.tracer.shard import mesh
@@ -90,20 +91,31 @@ def pruned_segment(
         state: the state after the last stage.
         progress: its progress, for the report.
         devices: how many devices measure; None for all.
+
+    Raises:
+        FitError: pruning failed; the fit is kept in the checkpoint.
     """
     scene, unmet = session.scene(state, progress)
     if session.backdrop is not None:
         eye = np.asarray(session.footage.camera.trajectory.translation).reshape(-1, 3)
         scene, unmet = with_backdrop_shell(scene, unmet, session.backdrop, eye)
-    scene, report = pruned_scene(
-        scene,
-        TrainingViews(session.footage, *session.training_cameras(state)),
-        options=session.options.prune,
-        tracing=Tracing(session.options.trace, mesh(devices), session.key_states(state)),
-        seed=session.options.fit.seed,
-        unmet=unmet,
-        report=session.progress_report("prune"),
-    )
+    try:
+        scene, report = pruned_scene(
+            scene,
+            TrainingViews(session.footage, *session.training_cameras(state)),
+            options=session.options.prune,
+            tracing=Tracing(session.options.trace, mesh(devices), session.key_states(state)),
+            seed=session.options.fit.seed,
+            unmet=unmet,
+            report=session.progress_report("prune"),
+        )
+    except (ValueError, TypeError, ArithmeticError, LookupError) as error:
+        if not session.options.prune.loss:
+            raise
+        raise FitError(
+            f"pruning failed: {error} The fit is kept in {session.log.checkpoint}. The same "
+            "command with resume=true and prune.loss=0 saves the scene unpruned."
+        ) from error
     if session.equalization is not None:
         scene = replace(scene, light=session.equalization.light)
     if not session.shows_times_between and isinstance(scene.deformation, Deformation):

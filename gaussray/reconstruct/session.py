@@ -16,7 +16,7 @@ from gaussray.camera.corrections import refined_kinds, refined_views
 from gaussray.capture.capture import Capture
 from gaussray.capture.points import Points
 from gaussray.reconstruct.data.backdrop import backdrop_of, backdrop_sentence
-from gaussray.reconstruct.data.contrast import share_of_costs
+from gaussray.reconstruct.data.contrast import contrast_of, cost_at_contrast
 from gaussray.reconstruct.data.held_out_tiles import HoldOut, held_out_tiles
 from gaussray.reconstruct.data.loader import GrowingWindow, Loader
 from gaussray.reconstruct.data.motion_mask import moved_pixels
@@ -114,7 +114,10 @@ class Session:
                 self.shared.once(sentence, lambda: say(sentence))
             # What stands before it is all that there is.
             options = eqx.tree_at(lambda o: o.fit, options, replace(options.fit, surround=0.0))
-        options = _with_costs(options, share_of_costs(self.footage))
+        cost = cost_at_contrast(options.density.opacity_cost, contrast_of(self.footage))
+        options = eqx.tree_at(
+            lambda o: o.density, options, replace(options.density, opacity_cost=cost)
+        )
         self.options = _with_tile_levels(options, self.footage)
         every = self.footage.camera if len(part.views) == len(views) else stacked(views)
         names, owner = np.unique([view.camera_name for view in views], return_inverse=True)
@@ -284,17 +287,6 @@ class Session:
             transient = transients_of(kept, self.cameras.times)
         scene = Scene(parts[0], parts[1], p.deformation, time_range, transient, shading=p.shading)
         return scene, np.concatenate(unmet)
-
-
-def _with_costs(options: ReconstructOptions, share: float) -> ReconstructOptions:
-    """The options with a share of the costs of opacity and scale."""
-    density = options.density
-    costs = replace(
-        density,
-        opacity_cost=share * density.opacity_cost,
-        scale_cost=share * density.scale_cost,
-    )
-    return eqx.tree_at(lambda o: o.density, options, costs)
 
 
 def _with_tile_levels(options: ReconstructOptions, footage: Footage) -> ReconstructOptions:

@@ -94,7 +94,9 @@ def _sum_of_outer_products(x: Array, g: Array) -> Array:
 
 def _pieces(rows: Array, size: int) -> Array:
     """Rows in pieces of a size, with rows of zeros at the end."""
-    return jnp.pad(rows, ((0, -len(rows) % size), (0, 0))).reshape(-1, size, rows.shape[1])
+    count, width = -(-len(rows) // size), rows.shape[1]
+    # The count is named, as rows of no width do not tell it.
+    return jnp.pad(rows, ((0, -len(rows) % size), (0, 0))).reshape(count, size, width)
 
 
 class Deformation(eqx.Module):

@@ -33,6 +33,7 @@ from gaussray.reconstruct.simplify.prune import PruneOptions
 from gaussray.reconstruct.simplify.summary import clip_report
 from gaussray.reconstruct.start import initial_state
 from gaussray.render.options import RenderOptions
+from gaussray.runtime.errors import FitError
 from gaussray.scene.gaussians import unconstrain
 from gaussray.scene.segmented import Clip
 from gaussray.scene.store import load_scene
@@ -163,6 +164,25 @@ def test_a_run_ends_with_a_line_about_the_file(capture, tmp_path, capsys, monkey
     size = (tmp_path / "scene.npz").stat().st_size
     assert capsys.readouterr().out == f"it has {size} bytes\n"
     assert json.loads((tmp_path / "requirement.json").read_text()) == report | {"file": size}
+
+
+def test_a_fit_whose_pruning_fails_is_kept_and_saved_without_it(
+    brief, capture, tmp_path, monkeypatch
+):
+    prune = segment_fit.pruned_scene
+
+    def failing(*arguments, options, **more):
+        if options.loss:
+            raise ValueError("it does not fit.")
+        return prune(*arguments, options=options, **more)
+
+    monkeypatch.setattr(segment_fit, "pruned_scene", failing)
+    costly = dataclasses.replace(BRIEF, prune=dataclasses.replace(BRIEF.prune, loss=0.1))
+    with pytest.raises(FitError, match=r"pruning failed: it does not fit.*prune\.loss=0"):
+        reconstruct(capture, tmp_path, options=costly, quiet=True)
+    assert (tmp_path / "checkpoint.npz").exists() and not (tmp_path / "scene.npz").exists()
+    reconstruct(capture, tmp_path, options=BRIEF, resume=True, quiet=True)
+    np.testing.assert_array_equal(load_scene(tmp_path).static.mean, load_scene(brief).static.mean)
 
 
 def test_the_same_seed_gives_the_same_bytes(brief, capture, tmp_path):

@@ -1,6 +1,9 @@
 """What is said when the pictures of a segment are read."""
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 import toy
 
 from gaussray.capture.formats.paired import read_capture
@@ -24,3 +27,17 @@ def test_a_plain_backdrop_is_told_once(tmp_path, capsys):
     for _ in range(2):
         Session(capture, log, toy.SHORT, False, shared=shared)
     assert capsys.readouterr().out.count("border is black: that is taken as a plain backdrop") == 1
+
+
+def test_opacity_costs_less_for_dark_pictures(tmp_path):
+    capture = read_capture(toy.write_capture(tmp_path / "in", toy.scene(speed=0), times=(0.0,)))
+    log = RunLog(tmp_path / "out", resume=False, interval=0.0)
+    options = replace(toy.SHORT, density=replace(toy.SHORT.density, opacity_cost=0.1))
+    for view in capture.views:
+        picture = np.zeros((toy.SIZE, toy.SIZE, 3), np.uint8)
+        picture[:4] = 51
+        write_image(view.image, picture)
+    found = Session(capture, log, options, True).options.density
+    # A quarter of the pixels differs by a fifth, a third of the usual contrast.
+    assert found.opacity_cost == pytest.approx(0.1 * 0.33)
+    assert replace(found, opacity_cost=0.1) == options.density

@@ -1,5 +1,6 @@
 """A field that has learnt nothing moves nothing; one that has moves what it should."""
 
+import dataclasses
 import functools
 
 import equinox as eqx
@@ -11,6 +12,7 @@ import toy
 from jax.test_util import check_grads
 
 from gaussray.geometry import normalize_quaternion
+from gaussray.scene import deformation
 from gaussray.scene.deformation import CONTRAST, FieldOptions, deform
 
 
@@ -167,3 +169,17 @@ def test_what_is_held_moves_rigidly_for_derivatives(bodies, control):
 def test_a_size_that_cannot_be_is_named(key, value):
     with pytest.raises(ValueError, match=f"field.{key} must"):
         FieldOptions(**{key: value})
+
+
+def test_a_field_of_no_scales_of_which_heads_are_left_moves_any_number_of_gaussians():
+    """Pruning may leave that: the heads' biases alone. On a CPU more Gaussians than a block go
+    through the network block by block."""
+    field = toy.deformation()
+    shift = toy.single([1, 2, 3])
+    planes = dataclasses.replace(field.planes, space=(), time=())
+    where = lambda d: (d.planes, d.trunk.weight, d.mean[1].bias)  # noqa: E731
+    field = eqx.tree_at(where, field, (planes, field.trunk.weight[:0], shift))
+    count = deformation._NETWORK_BLOCK + 3
+    many = toy.gaussians(np.zeros((count, 3)), 0.1, (0.5, 0.5, 0.5))
+    moved = toy.deformed(many, field, toy.single(0.5))
+    np.testing.assert_allclose(moved.mean, np.tile(np.asarray(shift), (count, 1)), **CLOSE)

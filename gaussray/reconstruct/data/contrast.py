@@ -1,12 +1,13 @@
-"""How much the pixels of pictures differ, against which costs of the loss are weighed."""
+"""How much the pixels of pictures differ, against which the cost of opacity is weighed."""
 
 import numpy as np
 
 from gaussray.capture.spread import spread_indices
 from gaussray.reconstruct.data.pictures import Footage
+from gaussray.reconstruct.optimize.density import DensityOptions
 
 
-# Contrast of the captures on which costs of opacity and scale were chosen: 0.15 to 0.22
+# Contrast of the captures on which costs of opacity were chosen: 0.15 to 0.22
 # (experiments/captures/log.md).
 _USUAL = 0.15
 # Pictures that are looked at, and of their pixels at most so many.
@@ -29,15 +30,17 @@ def contrast_of(footage: Footage) -> float:
     return float(np.abs(some - np.median(some, axis=0)).mean())
 
 
-def share_of_costs(footage: Footage) -> float:
-    """By how much costs of opacity and scale count for pictures: less than 1 where they have little
-    contrast, as those of a small thing in the dark.
+def cost_at_contrast(cost: float, contrast: float) -> float:
+    """What the mean opacity of all Gaussians costs for pictures of some contrast.
 
-    The costs are weighed against the error of pixels, which contrast bounds. Where it is small,
-    costs that suit daylight make everything transparent.
+    The cost is weighed against the error of pixels, which contrast bounds. Where it is small (a
+    small thing in the dark), a cost that suits daylight makes everything transparent. So it falls
+    in proportion to contrast, but to no less than the default, which suited the dark as well.
 
     Args:
-        footage: the training pictures.
+        cost: what it costs at usual contrast, `density.opacity_cost`.
+        contrast: `contrast_of` the training pictures.
     """
     # Rounded, as steps are compiled for each value anew.
-    return min(1.0, round(contrast_of(footage) / _USUAL, 2))
+    share = round(min(contrast / _USUAL, 1.0), 2)
+    return max(share * cost, min(cost, DensityOptions().opacity_cost))

@@ -14,7 +14,6 @@ from gaussray.reconstruct.optimize.optimizer import Parameters
 from gaussray.reconstruct.optimize.rows import Kind
 from gaussray.scene.deformation import Deformation
 from gaussray.scene.gaussians import Unconstrained
-from gaussray.scene.harmonics import C0
 from gaussray.scene.transient import UnconstrainedTransients
 
 
@@ -23,8 +22,6 @@ _LEAST_PIXELS = 0.002
 # Rotations of control points that began at rest move what is one width away by this share of the
 # rate of their paths.
 _TURN_SHARE = 0.25
-# Linear light of middle grey; below _LINEAR the curve of sRGB is a straight line.
-_MIDDLE_GREY, _LINEAR = 0.2, 0.0031308
 _POSE_FIELDS = ("pivot", "radius", "time", "path", "turn")
 
 
@@ -41,9 +38,8 @@ class OptimizerOptions(eqx.Module):
         quat: rotations of Gaussians (3DGS: 1e-3).
         scale: logarithms of scales (3DGS: 5e-3).
         opacity: logits of opacities (3DGS: 0.05).
-        color: the constant harmonic, of channels from middle grey on; darker ones learn more
-            slowly, as sRGB changes faster there (3DGS, whose colours are sRGB: 2.5e-3).
-        harmonics: all other harmonics, likewise (3DGS: 1.25e-4).
+        color: the constant harmonic (3DGS: 2.5e-3).
+        harmonics: all other harmonics (3DGS: 1.25e-4).
         transient: factor of all these rates for transient Gaussians, of which a step sees few:
             those of the times of its pictures.
         velocity: velocities of transient Gaussians, in extents per interval between two pictures
@@ -200,7 +196,7 @@ def _gaussian_rates(
         "quat": options.quat * own,
         "log_scale": options.scale * own,
         "logit_opacity": options.opacity * own,
-        "harmonics": color * own * _pace_of_color(free.harmonics),
+        "harmonics": color * own,
     }
     if transient:
         rate |= {
@@ -211,20 +207,6 @@ def _gaussian_rates(
         }
     # Not the constructor: one number stands for a whole array.
     return eqx.tree_at(lambda f: tuple(getattr(f, n) for n in rate), free, tuple(rate.values()))
-
-
-def _pace_of_color(
-    harmonics: Float[Array, "gaussians coefficients 3"],
-) -> Float[Array, "gaussians 1 3"]:
-    """Share of the rates of colours with which each channel learns: less where it is dark.
-
-    Colours are linear light, and errors are those of sRGB, which changes up to 12.92 times as fast
-    as light in the dark. With one rate for all, steps that are fine in daylight throw dark channels
-    from black to grey and back. So the rate is that of middle grey times the ratio of the slopes
-    d light / d sRGB here and there. Brighter channels learn no faster.
-    """
-    light = jnp.maximum(0.5 + C0 * harmonics[:, :1], _LINEAR)
-    return jnp.minimum((light / _MIDDLE_GREY) ** (1.4 / 2.4), 1)
 
 
 def _deformation_rates(

@@ -1,10 +1,11 @@
-"""Costs of opacity and scale count less for pictures of little contrast."""
+"""Opacity costs less for pictures of little contrast."""
 
 import numpy as np
 import pytest
 import toy
 
-from gaussray.reconstruct.data.contrast import contrast_of, share_of_costs
+from gaussray.reconstruct.data.contrast import contrast_of, cost_at_contrast
+from gaussray.reconstruct.optimize.density import DensityOptions
 
 
 SIZE, FRAMES = 32, 3
@@ -36,8 +37,11 @@ def test_masked_pixels_have_no_contrast():
     assert contrast_of(toy.footage_of(pictures, ~seen & False)) == 0
 
 
-def test_costs_count_in_proportion_to_little_contrast_and_whole_from_the_usual_one_on():
-    dark, darker = (share_of_costs(toy.footage_of(bright_part(0.25, n))) for n in (60, 30))
-    assert dark == pytest.approx(0.25 * 60 / 255 / 0.15, abs=0.005)
-    assert darker == pytest.approx(dark / 2, abs=0.01)
-    assert share_of_costs(toy.footage_of(bright_part(0.5, 128))) == 1
+def test_opacity_costs_less_in_proportion_to_little_contrast_but_no_less_than_the_default():
+    least = DensityOptions().opacity_cost
+    assert cost_at_contrast(0.12, 0.15) == cost_at_contrast(0.12, 0.4) == 0.12
+    assert cost_at_contrast(0.12, 0.03) == pytest.approx(0.12 * 0.2)
+    assert cost_at_contrast(0.12, 0.0) == least
+    # What is set lower stays.
+    assert cost_at_contrast(least / 4, 0.03) == least / 4
+    assert cost_at_contrast(0.0, 0.03) == 0

@@ -10,7 +10,6 @@ import pytest
 import toy
 
 from gaussray.camera.corrections import no_corrections
-from gaussray.color import srgb_encode
 from gaussray.reconstruct.data.sampler import TileErrorState
 from gaussray.reconstruct.initialize.from_points import between, in_common_view, on_points
 from gaussray.reconstruct.optimize import learning_rates, optimizer
@@ -22,7 +21,6 @@ from gaussray.reconstruct.optimize.state import begin_state
 from gaussray.reconstruct.run_progress import KnownBodies, RunProgress, SavedSizes
 from gaussray.scene.array_file import read_arrays, write_arrays
 from gaussray.scene.gaussians import unconstrain
-from gaussray.scene.harmonics import C0
 from gaussray.scene.transient import unconstrain_transients
 
 
@@ -45,12 +43,6 @@ def units(parameters):
     """Pixels at the Gaussians that lie ever farther apart, and an extent."""
     counts = {kind: len(free.mean) for kind, free in parameters.kinds.items()}
     return CaptureScale({kind: 0.1 * jnp.arange(1.0, n + 1) for kind, n in counts.items()}, EXTENT)
-
-
-def grey(light):
-    """Gaussians of these shades of grey, at one place."""
-    place, color = np.zeros((len(light), 3)), np.array(light)[:, None].repeat(3, 1)
-    return unconstrain(on_points(place, color, degree=1, opacity=0.5))
 
 
 def rate_at(parameters, step, **changes):
@@ -131,29 +123,8 @@ def test_colour_learns_faster_than_the_other_harmonics(parameters):
     harmonics = jnp.zeros((parameters.static.mean.shape[0], 4, 3))
     static = type(parameters.static)(**(vars(parameters.static) | {"harmonics": harmonics}))
     rate = rate_at(Parameters(static, parameters.moving, None), 0).static.harmonics
-    expected = np.array([OPTIONS.color] + [OPTIONS.harmonics] * 3)[None, :, None]
-    np.testing.assert_allclose(rate, np.broadcast_to(expected, rate.shape), rtol=1e-6)
-
-
-def test_a_step_of_colour_changes_srgb_equally_from_black_to_middle_grey(parameters):
-    light = np.array([0.0, 0.001, 0.01, 0.05, 0.12, 0.2])
-    # So short a step that the curve of sRGB is straight along it.
-    short = 1e-3
-    static = grey(light)
-    rate = rate_at(Parameters(static, parameters.moving, None), 0, color=short).static.harmonics
-    encoded = [np.asarray(srgb_encode(light + n * C0 * rate[:, 0, 0])) for n in (0, 1)]
-    change = encoded[1] - encoded[0]
-    np.testing.assert_allclose(change, change[-1], rtol=0.02)
-
-
-def test_bright_colours_learn_no_faster_and_channels_below_black_still_learn(parameters):
-    light = np.array([-3.0, -0.1, 0.0, 0.2, 0.5, 1.0, 40.0])
-    static = grey(light)
-    rate = rate_at(Parameters(static, parameters.moving, None), 0).static.harmonics
-    dark = (0.0031308 / 0.2) ** (1.4 / 2.4)
-    for degree, whole in enumerate((OPTIONS.color, OPTIONS.harmonics)):
-        expected = whole * np.array([dark, dark, dark, 1, 1, 1, 1])
-        np.testing.assert_allclose(rate[:, degree, 0], expected, rtol=1e-5)
+    expected = [OPTIONS.color] + [OPTIONS.harmonics] * 3
+    np.testing.assert_allclose(np.ravel(rate), expected, rtol=1e-6)
 
 
 def test_harmonics_of_the_next_degree_begin_to_learn_after_so_many_steps(parameters):
@@ -169,9 +140,7 @@ def test_harmonics_of_the_next_degree_begin_to_learn_after_so_many_steps(paramet
             share=step / 100,
             degree_interval=10,
         ).static.harmonics
-        learns = np.asarray(found)[0, :, 0] > 0
-        assert learns.sum() == (degree + 1) ** 2
-        assert ((np.asarray(found) > 0) == learns[None, :, None]).all()
+        assert np.count_nonzero(np.ravel(found)) == (degree + 1) ** 2
 
 
 def test_bounds_and_pivots_never_move_and_everything_else_does(parameters):
