@@ -40,8 +40,8 @@ def with_times_from_first(capture: Capture) -> Capture:
     if finest <= _FINEST * step:
         return capture
     problem = (
-        f"{capture.folder}: times begin at {first:.10g}, where cameras' numbers are {finest:.1g} "
-        f"apart, but pictures follow one another after {step:.2g}"
+        f"{capture.folder}: times begin at {first:.10g} and are {step:.2g} apart, but cameras keep "
+        f"times in 32 bits, which are {finest:.1g} apart there"
     )
     if any(_follows_times(view) for view in views):
         raise CaptureError(f"{problem}. Subtract the first time from all: time, trajectory, focus.")

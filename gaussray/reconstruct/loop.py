@@ -119,9 +119,9 @@ def short_time_sentence(minutes: float, plan: TimedPlan) -> str:
     """
     share, fewest = plan.seconds / 60, plan.seconds_of_fewest / 60
     needed = math.ceil(10 * minutes * fewest / share) / 10
-    gets = f" gets {share:.1f} minutes of them, and" if share < minutes else ""
+    gets = f" gets {share:.2g} minutes of them, and" if share < minutes else ""
     return (
-        f"fit.minutes={minutes:g} is too short: this stage{gets} takes about {fewest:.1f} minutes "
+        f"fit.minutes={minutes:g} is too short: this stage{gets} takes about {fewest:.2g} minutes "
         f"for {plan.steps} steps, its fewest. fit.minutes={needed:g} has time for them."
     )
 

@@ -13,7 +13,7 @@ def sentence(minutes, share):
 
 def test_a_stage_that_gets_a_share_of_the_time_says_so():
     assert sentence(1.5, 0.25) == (
-        "fit.minutes=1.5 is too short: this stage gets 0.4 minutes of them, and takes about 1.1 "
+        "fit.minutes=1.5 is too short: this stage gets 0.38 minutes of them, and takes about 1.1 "
         "minutes for 600 steps, its fewest. fit.minutes=4.4 has time for them."
     )
 
@@ -23,3 +23,7 @@ def test_a_stage_that_gets_all_of_the_time_says_nothing_of_shares():
         "fit.minutes=0.5 is too short: this stage takes about 1.1 minutes for 600 steps, its "
         "fewest. fit.minutes=1.1 has time for them."
     )
+
+
+def test_short_shares_are_told_apart():
+    assert "gets 0.08 minutes of them, and takes about 1.1 minutes" in sentence(0.32, 0.25)

@@ -41,6 +41,10 @@ MOTION_NOUNS = {
 }
 
 
+# Seconds within which the cameras of a rig take one shot: between two pictures of a slow video.
+_ONE_SHOT = 0.1
+
+
 class AutoChoice(NamedTuple):
     """Capture and options of a fit, a sentence about what was chosen, the choices of fit.motion
     of which a trial must tell which is best (none, or the chosen one and others), and the scale of
@@ -64,11 +68,12 @@ def auto_choice(capture: Capture, options: ReconstructOptions, machine: Machine)
     if not options.fit.auto:
         return AutoChoice(capture, options, "")
     views = training_views(capture)
-    still = len({view.time for view in views}) == 1 or options.fit.motion == "none"
+    alike = len({view.time for view in views}) == 1
     if options.fit.tiles != FitOptions().tiles or "fit.tiles" in options.explicit_keys:
         # Several GPUs share these tiles: each has fewer, and the rates are those of one.
         machine = machine._replace(gpus=1)
-    names = ("none",) if still else motions(capture, options, machine)
+    names = ("none",) if alike else motions(capture, options, machine)
+    still = names == ("none",)
     minutes = machine.minutes_for(_pixels(views), still=still)
     scale = _scale(views, machine, names[0])
     if scale < 1:
@@ -77,6 +82,8 @@ def auto_choice(capture: Capture, options: ReconstructOptions, machine: Machine)
     pixels = _pixels(views)
     if still:
         chosen = still_preset(pixels, minutes, machine)
+        if not alike:
+            chosen = replace(chosen, fit=replace(chosen.fit, motion="none"))
     elif names[0] == "deformation":
         chosen = body_preset(pixels, machine, options.track, given=_given(capture, options.fit))
     elif names[0] == "from_rest":
@@ -148,7 +155,7 @@ def motions(capture: Capture, options: ReconstructOptions, machine: Machine) -> 
     times have a single picture, transient Gaussians suit a camera that moves along a path; one that
     jumps from place to place needs Gaussians that all times share, on control points that begin at
     rest. That nothing moves, the user alone knows: of a camera on its way each picture shows what
-    others do not.
+    others do not. One picture of each camera of a rig, at nearly the same time, shows no motion.
 
     Args:
         capture: the capture, of which training views and points count.
@@ -159,6 +166,8 @@ def motions(capture: Capture, options: ReconstructOptions, machine: Machine) -> 
     if fit.motion != "auto":
         return (fit.motion,)
     if one_at_a_time(np.array([view.time for view in views])):
+        if _one_shot(views, capture.time_unit):
+            return ("none",)
         return ("transient",) if _along_a_path(views) else ("from_rest",)
     still = _still_cameras(views)
     if still >= 2:
@@ -185,6 +194,14 @@ def _still_cameras(views: Sequence[View]) -> int:
     """How many cameras took three or more pictures from where they stand."""
     _, pictures = np.unique(viewpoints(views), return_counts=True)
     return int(np.sum(pictures >= 3))
+
+
+def _one_shot(views: Sequence[View], unit: str) -> bool:
+    """Whether each of several cameras took one picture, all at nearly the same time: a rig whose
+    cameras are triggered one after another."""
+    times = [view.time for view in views]
+    each = len({view.camera_name for view in views}) == len(views)
+    return unit == "seconds" and each and bool(np.ptp(times) <= _ONE_SHOT)
 
 
 def _along_a_path(views: Sequence[View]) -> bool:

@@ -261,6 +261,23 @@ def test_pictures_that_each_have_their_own_time_share_gaussians_on_control_point
 
 
 @pytest.mark.parametrize("machine", [CPU, GPU])
+def test_one_shot_of_a_rig_whose_cameras_are_triggered_one_after_another_is_still(machine):
+    def motion(span, unit, names=6):
+        base = capture(count=1, times=tuple(np.linspace(0, span, 6)))
+        views = [
+            replace(v, camera_name=f"{k % names}", camera=toy.camera(0.5 * k, v.time, 270, 480))
+            for k, v in enumerate(base.views)
+        ]
+        chosen = auto_choice(replace(base, views=views, time_unit=unit), AUTO, machine)
+        return chosen.options.fit.motion, "nothing moves" in chosen.sentence
+
+    assert motion(0.042, "seconds") == ("none", True)
+    # Later, in another unit, or by one camera on its way, pictures may show motion.
+    for other in (motion(2.0, "seconds"), motion(0.042, "normalised"), motion(0.04, "seconds", 1)):
+        assert other[0] != "none" and not other[1]
+
+
+@pytest.mark.parametrize("machine", [CPU, GPU])
 def test_transient_gaussians_show_what_a_camera_films_on_its_way(machine):
     base = capture(count=1, times=tuple(np.linspace(0, 1, 20)))
     angles = np.linspace(0, 0.5, 20)
