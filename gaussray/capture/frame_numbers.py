@@ -99,6 +99,20 @@ def frame_numbers(folders: Mapping[str, Sequence[Path]]) -> FrameNumbers:
     return FrameNumbers(common, times, doubt, from_zero_and_one)
 
 
+def evenly_numbered(pictures: Sequence[Path]) -> bool:
+    """Whether names are alike but for one number, which grows by the same step from each picture to
+    the next, as programs name the frames of a video.
+
+    Args:
+        pictures: the pictures of a folder in natural order.
+    """
+    if len(pictures) < _LEAST or len({re.sub(r"\d+", "0", path.stem) for path in pictures}) > 1:
+        return False
+    keys = _keys({"": pictures}).get("", [])
+    steps = {later[0] - key[0] for key, later in itertools.pairwise(keys) if len(key) == 1}
+    return len(steps) == 1 and min(steps) > 0 and len(keys[0]) == 1
+
+
 def _keys(folders: Mapping[str, Sequence[Path]]) -> dict[str, list[_Key]]:
     """The numbers in the names of each folder's pictures that are not the same in all pictures of
     a folder; the last one if all are. Nothing where the names of a folder do not have as many

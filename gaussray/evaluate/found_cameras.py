@@ -5,6 +5,7 @@ from pathlib import Path
 
 from gaussray.capture.capture import Capture, View
 from gaussray.render.rig.fitted_cameras import read_fitted_cameras
+from gaussray.scene.formats.any_file import is_foreign
 
 
 def with_found_cameras(truth: Capture, scene: Path) -> Capture:
@@ -16,7 +17,9 @@ def with_found_cameras(truth: Capture, scene: Path) -> Capture:
         truth: the capture that the scene is scored on.
         scene: the folder of a reconstruction, or a scene file in it.
     """
-    fitted = read_fitted_cameras(scene) if truth.views else None
+    # What lies beside another program's model is not ours.
+    known = bool(truth.views) and not is_foreign(scene)
+    fitted = read_fitted_cameras(scene) if known else None
     if fitted is None or not fitted.refined:
         return truth
     cameras = fitted.views(truth.views[0].camera.time.dtype)

@@ -61,7 +61,7 @@ def verify(database: Path, seed: int) -> None:
 
 
 def estimate_poses(
-    database: Path, pictures: Path, options: PosesOptions, still: bool = False
+    database: Path, pictures: Path, options: PosesOptions, still: bool = False, once: bool = False
 ) -> SparseModel:
     """Poses, lenses and points by incremental structure from motion.
 
@@ -70,6 +70,7 @@ def estimate_poses(
         pictures: folder of the pictures.
         options: lens model, rough field of view and seed.
         still: whether pictures hold the features of several timestamps of a camera.
+        once: whether a single attempt is made, because it is likely to fail.
 
     Returns:
         Of several reconstructions the one with most pictures, in an arbitrary frame and scale.
@@ -82,12 +83,15 @@ def estimate_poses(
     """
     with pycolmap().Database.open(database) as db:
         total = db.num_images()
-    say(f"Poses of {total} pictures are estimated, if need be in several attempts.")
+    if total < _LEAST:
+        raise PrepareError(missing_poses_reason(database, still))
+    attempts = "" if once else ", if need be in several attempts"
+    say(f"Poses of {total} pictures are estimated{attempts}.")
     found = _reconstruction(database, pictures, options)
     # Of pictures from one place, more tries find points that are none, and without a pair to begin
     # with they find nothing.
     begins = best_pair(database) >= FIRST_PAIR_AT_LAST
-    again = found is not None or (begins and flat_pairs(database)[0] < MOSTLY_FLAT)
+    again = not once and (found is not None or (begins and flat_pairs(database)[0] < MOSTLY_FLAT))
     if again and options.model in _STRAIGHTENED and _is_poor(found, total):
         say(f"Few pictures have a pose with poses.model={options.model}: once more with pinhole.")
         _forget_distortion(database)

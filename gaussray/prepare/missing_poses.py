@@ -64,8 +64,8 @@ def missing_poses_reason(database: Path, still: bool = False) -> str:
     if images < 2:
         return (
             "poses must be estimated from at least two pictures from different places, got a "
-            "single picture or a single camera that stands still. Add cameras, move the camera "
-            "(poses.rig=moving says that it does), or give a calibration as poses.calibration=FILE."
+            "single picture or a single camera that stands still. Add cameras, or move the camera "
+            "(poses.rig=moving says that it does)."
         )
     if (features := median_features(database)) < _BARE:
         return (

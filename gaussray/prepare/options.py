@@ -46,9 +46,9 @@ class FramesOptions(eqx.Module):
     """Which frames make the capture.
 
     Args:
-        rate: timestamps per second; 0 is the lowest rate of the videos, or 30 for folders. Of
-            videos of cameras that move each k-th timestamp is then used, so that their pictures
-            are at most 200 together.
+        rate: timestamps per second; 0 is the lowest rate of the videos, or 30 for folders, but of
+            one folder alone photographs of a scene that stands still. Of videos of cameras that
+            move each k-th timestamp is then used, so that their pictures are at most 200 together.
         span: first and last second of the common time; empty is all that the cameras share.
         readout: seconds from the first to the last row of a rolling shutter; 0 is a global shutter.
         instants: timestamps whose pictures are matched to find poses of cameras that stand still.

@@ -8,6 +8,7 @@ from typing import Any
 from gaussray.capture.formats.transforms import PINHOLE_FILE, POINT_FILES
 from gaussray.io.atomic import write_json
 from gaussray.prepare import document
+from gaussray.prepare.calibrated_cameras import check_calibrated_cameras
 from gaussray.prepare.calibrations.assign import assign_cameras, stills_by_camera
 from gaussray.prepare.calibrations.known_camera import KnownCamera
 from gaussray.prepare.calibrations.read import read_calibration
@@ -30,6 +31,7 @@ from gaussray.prepare.leftovers import WORK_PREFIX, mark_work, remove_leftovers
 from gaussray.prepare.masks import copy_masks
 from gaussray.prepare.media import copy_media
 from gaussray.prepare.options import PrepareOptions
+from gaussray.prepare.overlays import overlay_reason
 from gaussray.prepare.panels.failures import panels_in_errors
 from gaussray.prepare.poses import Placement, find_poses
 from gaussray.prepare.sources import Source, find_sources
@@ -130,7 +132,9 @@ def _calibrated(
     sources = stills_by_camera(calibration, sources)
     known, remarks = assign_cameras(calibration, sources)
     # Of a camera without a pose the video is left out.
-    return [source for source in sources if source.name in known], known, remarks
+    sources = [source for source in sources if source.name in known]
+    check_calibrated_cameras(calibration, sources)
+    return sources, known, remarks
 
 
 def _checked(
@@ -149,7 +153,7 @@ def _checked(
     gains = exposure_gains(placement, levels)
     found = [*remarks]
     found += camera_findings(placement)
-    found += same_picture_findings(placement)
+    found += same_picture_findings(placement, files)
     found += lens_findings(placement) if placement.model.pictures else []
     found += point_findings(placement)
     found += epipolar_findings(placement, pairs)
@@ -159,6 +163,8 @@ def _checked(
     write_json(out / FACTS_FILE, facts)
     if message := refusal(facts):
         (out / PINHOLE_FILE).unlink(missing_ok=True)
+        if placement.overlays:
+            message = f"{overlay_reason(placement.overlays)} {message}"
         raise PrepareError(f"{out}: no capture was written. {message}")
     points = placement.model.points
     if len(points):

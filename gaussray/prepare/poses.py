@@ -20,6 +20,13 @@ from gaussray.prepare.masks import write_matching_masks
 from gaussray.prepare.media import write_matching_pictures
 from gaussray.prepare.missing_poses import missing_poses_reason
 from gaussray.prepare.options import PrepareOptions
+from gaussray.prepare.overlays import (
+    PictureOverlay,
+    check_overlays,
+    overlay_reason,
+    without_overlays,
+)
+from gaussray.prepare.panels.failures import holds_views
 from gaussray.prepare.sources import Source
 from gaussray.prepare.sparse_model import SparseModel
 from gaussray.prepare.timeline import Timeline, moving_stride, thinned_timeline
@@ -54,6 +61,7 @@ class Placement:
             `keypoints` count those alone.
         more_instants: `frames.instants` that would find more matches of cameras that stand still; 0
             if there are none, or no further timestamps.
+        overlays: drawings over the pictures, whose matches were not used.
     """
 
     model: SparseModel
@@ -64,6 +72,7 @@ class Placement:
     known: bool
     stride: int = 1
     more_instants: int = 0
+    overlays: tuple[PictureOverlay, ...] = ()
 
 
 def find_poses(
@@ -124,7 +133,8 @@ def find_poses(
         _extract(work, written, lenses, options)
         if known is None:
             _check_features(work / _FEATURES)
-    placement = _placed(work, written, still, known, options, lenses is not None)
+    once = any(map(holds_views, sources))
+    placement = _placed(work, written, still, known, options, lenses is not None, once)
     total, used = len(timeline.times), options.frames.instants
     more = min(2 * used, total) if still and total > used else 0
     return dataclasses.replace(placement, stride=stride, more_instants=more)
@@ -281,8 +291,10 @@ def _placed(
     known: dict[str, KnownCamera] | None,
     options: PrepareOptions,
     lenses_given: bool,
+    once: bool,
 ) -> Placement:
-    """Match, merge the timestamps of cameras that stand still, and find poses or points."""
+    """Match, merge the timestamps of cameras that stand still, and find poses or points; at once or
+    not at all of pictures that surely hold several views."""
     database, seed = work / _FEATURES, options.poses.seed
     pairs = features.matched_pairs(written, still)
     if known is not None:
@@ -298,9 +310,22 @@ def _placed(
         verify(merged, seed)
         database = merged
     pictures = {picture.file: picture for picture in written if picture.file in keypoints}
+    merged_times = len(pictures) < len(written)
+    overlays = without_overlays(database, work, pictures, keypoints)
+    if overlays:
+        verify(database, seed)
     if known is None:
-        find = poses_with_given_lenses if lenses_given else estimate_poses
-        model = find(database, work, options.poses, len(pictures) < len(written))
+        if reason := check_overlays(overlays, database, pictures):
+            raise PrepareError(reason)
+        try_moving = merged_times and not overlays
+        try:
+            if lenses_given:
+                model = poses_with_given_lenses(database, work, options.poses, try_moving)
+            else:
+                model = estimate_poses(database, work, options.poses, try_moving, once)
+        except PrepareError as error:
+            reason = overlay_reason(overlays) + " " if overlays else ""
+            raise PrepareError(f"{reason}{error}") from error
     else:
         cameras = {file: known[picture.camera] for file, picture in pictures.items()}
         widest = max(camera.lens["w"] for camera in cameras.values())
@@ -312,4 +337,6 @@ def _placed(
             _KNOWN_ERROR * widest / 1000,
         )
     matches = features.verified_matches(database)
-    return Placement(model, pictures, keypoints, matches, still, known is not None)
+    return Placement(
+        model, pictures, keypoints, matches, still, known is not None, overlays=tuple(overlays)
+    )

@@ -6,7 +6,11 @@ from collections.abc import Collection, Sequence
 import numpy as np
 from jaxtyping import Float, Int
 
-from gaussray.capture.frame_numbers import FrameNumbers, frame_numbers
+from gaussray.capture.frame_numbers import (
+    FrameNumbers,
+    evenly_numbered,
+    frame_numbers,
+)
 from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.options import FramesOptions
 from gaussray.prepare.sources import Source
@@ -20,6 +24,8 @@ PICTURE_RATE = 30.0
 # Pictures of videos of cameras that move, at most: of hundreds more, poses take hours and gain
 # nothing.
 MOST_OF_ONE = 200
+# What to do if pictures are no photographs.
+_IF_FRAMES = f"If these are frames of a video, give frames.rate={PICTURE_RATE:g}"
 # Rates that differ by less than this share are equal.
 _SAME = 2e-3
 
@@ -57,18 +63,19 @@ def common_timeline(sources: Sequence[Source], sync: Sync, options: FramesOption
     (`frame_numbers`); beside videos, times at which a folder lacks a picture are left out.
 
     Args:
-        sources: cameras of the input; one folder of pictures alone is photographs without a time.
+        sources: cameras of the input; one folder of pictures alone is photographs without a time,
+            unless `frames.rate` says how many of them there are in a second.
         sync: offsets that take each camera's clock to the common one.
         options: rate of the timestamps (0: that of the slowest camera), and their span.
 
     Raises:
-        PrepareError: The cameras share no time, or no timestamp lies in `frames.span`.
+        PrepareError: The cameras share no time, no timestamp lies in `frames.span`, photographs
+            have a span, or pictures of one camera with times have several sizes.
     """
     if len(sources) == 1 and not sources[0].is_video:
-        count = sources[0].count
-        zeros = np.zeros(count)
-        name = sources[0].name
-        return Timeline(0.0, zeros, {name: np.arange(count)}, {name: zeros})
+        if not options.rate:
+            return _photographs(sources[0], options)
+        _check_one_size(sources[0], options)
     # Whoever gives offsets, gives the times of the first pictures: their order counts.
     given = sync.method == "known"
     folders = [source for source in sources if not source.is_video]
@@ -103,6 +110,28 @@ def common_timeline(sources: Sequence[Source], sync: Sync, options: FramesOption
     return Timeline(rate, grid - grid[0], frames, shifts, found)
 
 
+def _photographs(source: Source, options: FramesOptions) -> Timeline:
+    """The pictures of a folder without times."""
+    if options.span:
+        raise PrepareError(
+            "frames.span must be [] for photographs of a scene that stands still, which have no "
+            f"time, got {list(options.span)}. {_IF_FRAMES}."
+        )
+    zeros = np.zeros(source.count)
+    return Timeline(0.0, zeros, {source.name: np.arange(source.count)}, {source.name: zeros})
+
+
+def _check_one_size(source: Source, options: FramesOptions) -> None:
+    """Refuse a folder of frames of several sizes."""
+    if len(sizes := dict.fromkeys(source.sizes)) > 1:
+        (a, b), *_, (c, d) = sizes
+        raise PrepareError(
+            f"{source.path}: frames of a video (frames.rate={options.rate:g}) must have one size, "
+            f"got {a} x {b} and {c} x {d}. Take away those of other sizes; photographs of a scene "
+            "that stands still need no frames.rate."
+        )
+
+
 def tell_numbers(sources: Sequence[Source], timeline: Timeline) -> None:
     """Say that pictures go together by the numbers in their names, where their order would not do.
 
@@ -128,20 +157,44 @@ def tell_numbers(sources: Sequence[Source], timeline: Timeline) -> None:
 def tell_assumed_rate(
     sources: Sequence[Source], timeline: Timeline, options: FramesOptions
 ) -> None:
-    """Say at which rate pictures follow each other that have no clock, unless it is given.
+    """Say how pictures without a clock are taken: at which rate they follow each other, unless it
+    is given, or that they are photographs of a scene that stands still.
 
     Args:
         sources: cameras of the input.
         timeline: their timestamps.
         options: the rate that the user has chosen, 0 for none.
     """
-    folders = [source.name for source in sources if not source.is_video]
-    if folders and not options.rate and len(timeline.times) > 1 and not timeline.is_static:
+    folders = [source for source in sources if not source.is_video]
+    if not folders or len(timeline.times) < 2:
+        return
+    if len(sources) == 1:
+        _tell_one_folder(folders[0], timeline)
+    elif not options.rate:
         several = len(folders) > 1
         say(
-            f"{first_of(folders)}: {'folders' if several else 'a folder'} of pictures without a "
+            f"{first_of([source.name for source in folders])}: "
+            f"{'folders' if several else 'a folder'} of pictures without a "
             f"frame rate: {PICTURE_RATE:g} a second are assumed; frames.rate=... sets another."
         )
+
+
+def _tell_one_folder(source: Source, timeline: Timeline) -> None:
+    """Say that the pictures of the only folder are photographs, or frames of a video."""
+    even = evenly_numbered(source.pictures)
+    pair = " and ".join(path.name for path in source.pictures[:2])
+    if timeline.is_static:
+        names = f" Their names ({pair}) count as those of frames do." if even else ""
+        say(
+            f"{source.name}: {source.count} pictures are taken as photographs of a scene that "
+            f"stands still.{names} {_IF_FRAMES}: else what moves is lost."
+        )
+        return
+    order = "" if even else " The order of their names counts, and not the numbers in them."
+    say(
+        f"{source.name}: {source.count} pictures are taken as frames of a video by one camera, "
+        f"{timeline.rate:.6g} a second.{order}"
+    )
 
 
 def _stride(sources: Sequence[Source], rate: float, options: FramesOptions) -> int:

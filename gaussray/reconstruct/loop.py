@@ -85,7 +85,7 @@ def run_stage(
         log.record(progress, done, terms, count)
         bar.report(done, f"{psnr_from_mse(terms['mse'], least=LEAST_MSE):.2f} dB")
         # Before all times are seen, tiles of the others tell nothing.
-        told = score if loader.sees_all(stage, done, plan.steps) else None
+        told = score if loader.sees_all(stage, done, plan.first_planned) else None
         if plan.after_block(done, told and partial(told, state, sizes)):
             bar.change_total(plan.steps)
             progress = plan.noted(progress)
@@ -119,11 +119,15 @@ def short_time_sentence(minutes: float, plan: TimedPlan) -> str:
     """
     share, fewest = plan.seconds / 60, plan.seconds_of_fewest / 60
     needed = math.ceil(10 * minutes * fewest / share) / 10
-    gets = f" gets {share:.2g} minutes of them, and" if share < minutes else ""
+    gets = f" gets {_readable(share)} minutes of them, and" if share < minutes else ""
     return (
-        f"fit.minutes={minutes:g} is too short: this stage{gets} takes about {fewest:.2g} minutes "
-        f"for {plan.steps} steps, its fewest. fit.minutes={needed:g} has time for them."
+        f"fit.minutes={minutes:g} is too short: this stage{gets} takes about {_readable(fewest)} "
+        f"minutes for {plan.steps} steps, its fewest. fit.minutes={needed:g} has time for them."
     )
+
+
+def _readable(minutes: float) -> str:
+    return f"{minutes:.2g}" if minutes < 10 else f"{minutes:.0f}"
 
 
 def planned_steps(session: Session, progress: RunProgress) -> StepPlan:

@@ -1,7 +1,7 @@
 """Whether the run in an output folder is unfinished or finished, by the files that it has written.
 
-A checkpoint is there while a run lasts. At the end the scene is written, then the report of
-pruning, and then the checkpoint is removed.
+A run writes a checkpoint every `fit.checkpoint` seconds. At the end it writes the scene, then the
+report of pruning, and removes the checkpoint.
 """
 
 from pathlib import Path

@@ -34,6 +34,7 @@ from gaussray.reconstruct.simplify.tile_views import TrainingViews
 from gaussray.reconstruct.start import continued_state, initial_state
 from gaussray.reconstruct.work_ahead import work_ahead
 from gaussray.runtime.errors import FitError
+from gaussray.runtime.resource_errors import is_memory
 from gaussray.scene.deformation import Deformation
 from gaussray.scene.scene import Scene
 from gaussray.tracer.shard import mesh
@@ -109,12 +110,15 @@ def pruned_segment(
             unmet=unmet,
             report=session.progress_report("prune"),
         )
-    except (ValueError, TypeError, ArithmeticError, LookupError) as error:
-        if not session.options.prune.loss:
+    except Exception as error:
+        # Whatever it is, the fit is whole.
+        session.log.save(state, progress)
+        if not session.options.prune.loss or is_memory(error):
             raise
         raise FitError(
-            f"pruning failed: {error} The fit is kept in {session.log.checkpoint}. The same "
-            "command with resume=true and prune.loss=0 saves the scene unpruned."
+            f"pruning failed: {str(error).rstrip('. ')}. The fit is kept in "
+            f"{session.log.checkpoint}: resumed with prune.loss=0, it is saved unpruned. "
+            "GAUSSRAY_TRACEBACK=1 shows what failed."
         ) from error
     if session.equalization is not None:
         scene = replace(scene, light=session.equalization.light)

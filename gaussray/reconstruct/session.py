@@ -114,10 +114,10 @@ class Session:
                 self.shared.once(sentence, lambda: say(sentence))
             # What stands before it is all that there is.
             options = eqx.tree_at(lambda o: o.fit, options, replace(options.fit, surround=0.0))
-        cost = cost_at_contrast(options.density.opacity_cost, contrast_of(self.footage))
-        options = eqx.tree_at(
-            lambda o: o.density, options, replace(options.density, opacity_cost=cost)
-        )
+        if options.fit.auto and "density.opacity_cost" not in options.explicit_keys:
+            cost = cost_at_contrast(options.density.opacity_cost, contrast_of(self.footage))
+            density = replace(options.density, opacity_cost=cost)
+            options = eqx.tree_at(lambda o: o.density, options, density)
         self.options = _with_tile_levels(options, self.footage)
         every = self.footage.camera if len(part.views) == len(views) else stacked(views)
         names, owner = np.unique([view.camera_name for view in views], return_inverse=True)

@@ -50,6 +50,12 @@ class StepPlan:
         """The length of the stage."""
         return int(self.schedule.steps)
 
+    @property
+    def first_planned(self) -> int:
+        """The steps over whose first part the window of times grows: all, or those before the plan
+        was made anew, after which all times are seen."""
+        return int(self.schedule.begin) or self.steps
+
     def after_block(self, done: int, score: Callable[[], float] | None = None) -> bool:
         """Whether the plan has changed after a block.
 
@@ -153,7 +159,7 @@ class TimedPlan(StepPlan):
         left = max(end - now, 0) / max(self._pace(), 1e-9)
         blocks = max(int(max(done + left, _LEAST) / self._block), -(-done // self._block))
         steps = min(blocks * self._block, _MOST)
-        if done > self.steps / 2 and self.steps != _GUESS:
+        if self.schedule.begin or (done > self.steps / 2 and self.steps != _GUESS):
             return self._grown(done, steps)
         fewest = _LEAST * self._pace()
         self.seconds_of_fewest = fewest if steps <= _LEAST and fewest > self.seconds else 0.0
@@ -167,6 +173,7 @@ class TimedPlan(StepPlan):
         if steps - self.steps < _BLOCKS * self._block:
             return False
         self.schedule = StageSchedule(steps, done, self.schedule.share_at(done))
+        self.seconds_of_fewest = 0.0
         return True
 
     def _pace(self) -> float:

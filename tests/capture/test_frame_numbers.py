@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from gaussray.capture.frame_numbers import FrameNumbers, frame_numbers
+from gaussray.capture.frame_numbers import FrameNumbers, evenly_numbered, frame_numbers
 
 
 def folders(form="{:06d}.jpg", **numbers):
@@ -113,3 +113,20 @@ def test_of_several_numbers_all_must_agree():
     # One folder counts from 0, another from 1.
     assert not named(a=same, b=["1_2", "1_3", "2_2", "2_3"]).common
     assert not named(a=["2_1", "1_1"], b=["2_1", "1_1"]).common
+
+
+@pytest.mark.parametrize(
+    ("names", "even"),
+    [
+        (["frame_0001", "frame_0002", "frame_0003"], True),
+        (["00000", "00005", "00010"], True),
+        (["9_640x480", "10_640x480"], True),
+        (["frame_0001", "frame_0002", "frame_0004"], False),
+        (["a1", "b2", "c3"], False),
+        (["20240101_120000", "20240102_120001"], False),
+        (["front", "back"], False),
+        (["0001"], False),
+    ],
+)
+def test_names_of_frames_differ_by_one_step(names, even):
+    assert evenly_numbered([Path(f"{name}.jpg") for name in names]) == even

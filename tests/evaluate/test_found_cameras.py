@@ -66,3 +66,8 @@ def test_without_refinement_and_without_a_run_they_are_as_recorded(truth, tmp_pa
     assert with_found_cameras(truth, tmp_path / "scene.npz") is truth
     written(tmp_path, truth.views, [longer(view) for view in truth.views], [])
     assert with_found_cameras(truth, tmp_path) is truth
+
+
+def test_what_lies_beside_another_program_s_model_is_not_read(truth, tmp_path):
+    (tmp_path / "cameras.json").write_text('{"cam0": {}}')
+    assert with_found_cameras(truth, tmp_path / "scene.ply") is truth

@@ -103,6 +103,29 @@ def test_a_later_attempt_counts_only_if_it_is_better(monkeypatch, database):
         tried(monkeypatch, database, None, None, None)
 
 
+def test_what_is_likely_to_fail_is_tried_once(monkeypatch, database, capsys):
+    made = []
+    monkeypatch.setattr(mapping, "best_pair", lambda database: 80)
+    monkeypatch.setattr(colmap, "incremental_mapping", lambda *_, **__: made.append(1) or {})
+    with pytest.raises(PrepareError):
+        mapping.estimate_poses(database, database.parent, PosesOptions(), once=True)
+    assert made == [1] and "attempts." not in capsys.readouterr().out.splitlines()[0]
+
+
+def test_a_single_picture_is_not_tried(tmp_path, monkeypatch):
+    path = tmp_path / "one.db"
+    with colmap.Database.open(path) as db:
+        camera = colmap.Camera(
+            model="SIMPLE_PINHOLE", width=320, height=240, params=[FOCAL, 160, 120]
+        )
+        db.write_image(colmap.Image(name="1.png", camera_id=db.write_camera(camera)), False)
+    monkeypatch.delattr(colmap, "incremental_mapping")
+    with pytest.raises(PrepareError, match="single camera that stands still") as told:
+        mapping.estimate_poses(path, tmp_path, PosesOptions())
+    # Of one camera that stands still a calibration makes no points.
+    assert "calibration" not in str(told.value)
+
+
 def test_a_pinhole_is_not_tried_twice(monkeypatch, database):
     _, made = tried(monkeypatch, database, registered(2), registered(6), model="pinhole")
     assert [held for _, held in made] == [False, True]

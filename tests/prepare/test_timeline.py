@@ -1,5 +1,6 @@
 """Common timestamps, and the frame of each camera."""
 
+import dataclasses
 import pathlib
 
 import numpy as np
@@ -228,3 +229,52 @@ def test_the_rate_of_folders_of_pictures_is_told_to_be_assumed(options, count, t
     tell_assumed_rate(sources, common_timeline(sources, sync(a=0.0, b=0.0), options), options)
     said = "a, b: folders of pictures without a frame rate: 30 a second are assumed"
     assert capsys.readouterr().out.startswith(said) == told
+
+
+def test_a_folder_alone_is_photographs_and_a_line_says_how_to_say_otherwise(capsys):
+    source = folder("a", range(1, 16))
+    line = common_timeline([source], together([source]), FramesOptions())
+    assert line.is_static and len(line.times) == 15 and not line.times.any()
+    tell_assumed_rate([source], line, FramesOptions())
+    said = capsys.readouterr().out
+    assert (
+        "15 pictures are taken as photographs of a scene that stands still. Their names (000"
+        in said
+    )
+    assert "as those of frames do. If these are frames of a video, give frames.rate=30:" in said
+    # Without such names the line is shorter.
+    source = folder("a", [1, 2, 7])
+    line = common_timeline([source], together([source]), FramesOptions())
+    tell_assumed_rate([source], line, FramesOptions())
+    assert "stands still. If these are frames of a video" in capsys.readouterr().out
+    with pytest.raises(
+        PrepareError, match=r"frames.span must be \[\] for photographs .* got \[0.0, 1"
+    ):
+        common_timeline([source], together([source]), FramesOptions(span=(0.0, 1.0)))
+
+
+@pytest.mark.parametrize(
+    ("numbers", "told"),
+    [(range(1, 16), "25 a second.\n"), ([1, 2, 7], "names counts, and not the ")],
+)
+def test_a_rate_makes_the_only_folder_a_camera_with_times(capsys, numbers, told):
+    source, options = folder("a", numbers), FramesOptions(rate=25.0)
+    line = common_timeline([source], together([source]), options)
+    count = len(numbers)
+    assert not line.is_static and line.rate == 25
+    assert line.times == pytest.approx(np.arange(count) / 25)
+    assert line.frames["a"].tolist() == list(range(count)) and not line.shifts["a"].any()
+    assert moving_stride([source], line, set(), options) == 1
+    assert not numbered_frames_findings([source], line)
+    tell_assumed_rate([source], line, options)
+    assert told in capsys.readouterr().out
+    part = FramesOptions(rate=25.0, span=(0.04, 0.08))
+    assert common_timeline([source], together([source]), part).frames["a"].tolist() == [1, 2]
+
+
+def test_frames_of_several_sizes_are_refused():
+    source = dataclasses.replace(folder("a", range(2)), sizes=((64, 48), (48, 64)))
+    line = common_timeline([source], together([source]), FramesOptions())
+    assert line.is_static
+    with pytest.raises(PrepareError, match="must have one size, got 64 x 48 and 48 x 64"):
+        common_timeline([source], together([source]), FramesOptions(rate=30.0))

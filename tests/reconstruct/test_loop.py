@@ -27,3 +27,4 @@ def test_a_stage_that_gets_all_of_the_time_says_nothing_of_shares():
 
 def test_short_shares_are_told_apart():
     assert "gets 0.08 minutes of them, and takes about 1.1 minutes" in sentence(0.32, 0.25)
+    assert "gets 120 minutes of them" in sentence(480.0, 0.25)

@@ -104,3 +104,13 @@ def test_all_times_are_seen_in_the_last_steps_also_of_a_plan_that_is_cut(capture
     assert seen == [False, False, True]
     # At first half of the times; in the end all, of which 20 steps draw some.
     assert width[0] <= 0.5 and width[-1] > 0.7
+
+
+def test_a_plan_that_is_made_anew_sees_all_times_from_then_on(capture, tmp_path):
+    log = RunLog(tmp_path, resume=False, interval=0.0)
+    loader = Session(capture, log, replace(toy.SHORT, fit=FIT), quiet=True).loader
+    # So short that its share decides when all times are seen.
+    plan = StepPlan(StageSchedule(20))
+    assert not loader.sees_all("fine", 11, plan.first_planned)
+    plan.schedule = StageSchedule(1000, 11, 0.6)
+    assert plan.steps == 1000 and loader.sees_all("fine", 11, plan.first_planned)

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import math
 import warnings
 
 import equinox as eqx
@@ -177,7 +178,10 @@ def test_a_fit_whose_pruning_fails_is_kept_and_saved_without_it(
         return prune(*arguments, options=options, **more)
 
     monkeypatch.setattr(segment_fit, "pruned_scene", failing)
-    costly = dataclasses.replace(BRIEF, prune=dataclasses.replace(BRIEF.prune, loss=0.1))
+    # No checkpoint is written before.
+    fit = dataclasses.replace(BRIEF.fit, checkpoint=math.inf)
+    prune_options = dataclasses.replace(BRIEF.prune, loss=0.1)
+    costly = dataclasses.replace(BRIEF, fit=fit, prune=prune_options)
     with pytest.raises(FitError, match=r"pruning failed: it does not fit.*prune\.loss=0"):
         reconstruct(capture, tmp_path, options=costly, quiet=True)
     assert (tmp_path / "checkpoint.npz").exists() and not (tmp_path / "scene.npz").exists()

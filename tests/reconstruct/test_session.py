@@ -32,12 +32,17 @@ def test_a_plain_backdrop_is_told_once(tmp_path, capsys):
 def test_opacity_costs_less_for_dark_pictures(tmp_path):
     capture = read_capture(toy.write_capture(tmp_path / "in", toy.scene(speed=0), times=(0.0,)))
     log = RunLog(tmp_path / "out", resume=False, interval=0.0)
-    options = replace(toy.SHORT, density=replace(toy.SHORT.density, opacity_cost=0.1))
+    chosen = replace(toy.SHORT, density=replace(toy.SHORT.density, opacity_cost=0.1))
+    options = replace(chosen, fit=replace(chosen.fit, auto=True))
     for view in capture.views:
         picture = np.zeros((toy.SIZE, toy.SIZE, 3), np.uint8)
         picture[:4] = 51
         write_image(view.image, picture)
     found = Session(capture, log, options, True).options.density
     # A quarter of the pixels differs by a fifth, a third of the usual contrast.
-    assert found.opacity_cost == pytest.approx(0.1 * 0.33)
+    assert found.opacity_cost == pytest.approx(0.1 * 0.3)
     assert replace(found, opacity_cost=0.1) == options.density
+    # What the user sets stays.
+    explicit = replace(options, explicit_keys=("density.opacity_cost",))
+    for own in (chosen, explicit):
+        assert Session(capture, log, own, True).options.density.opacity_cost == 0.1

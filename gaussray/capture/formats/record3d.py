@@ -21,8 +21,8 @@ from gaussray.io.safe.limits import within
 METADATA_FILES = ("metadata.json", "metadata")
 _PICTURES = ("rgb", "rgbd")
 _KEYS = ("w", "h", "K", "poses")
-# No rate of frames is higher: in single precision such times would be all 0; of its inverse and
-# lower ones they may be infinite.
+# No rate of frames is higher, as all times would be 0 in single precision, and none is lower than
+# its inverse, as they would be infinite.
 _FASTEST = 1e20
 _POSE = "a list of seven numbers: the quaternion x, y, z, w, which is not zero, and the position"
 

@@ -1,4 +1,4 @@
-"""A file for each camera (JSON, YAML, text, OpenCV's), in a folder or each in its own folder."""
+"""A file for each camera (JSON, YAML, text, OpenCV's or Tsai's), in a folder or one for each."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -15,6 +15,7 @@ from gaussray.prepare.calibrations.opencv_numbers import numbers_under
 from gaussray.prepare.calibrations.opencv_pose import found_pose
 from gaussray.prepare.calibrations.opencv_storage import is_small_storage, storage_values
 from gaussray.prepare.calibrations.stereo_pair import is_stereo_calibration
+from gaussray.prepare.calibrations.tsai import is_tsai, read_tsai, tell_tsai
 from gaussray.prepare.calibrations.value_names import PROJECTION_NAMES
 from gaussray.prepare.calibrations.yaml_file import yaml_content
 from gaussray.prepare.errors import PrepareError
@@ -26,6 +27,8 @@ def is_camera_file(path: Path) -> bool:
     Nothing is refused here: a camera whose values contradict each other is one, and any other file
     is none.
     """
+    if is_tsai(path):
+        return True
     found = _content(path)
     try:
         return is_opencv_camera(plain_camera(path, found))
@@ -86,8 +89,14 @@ def read_camera_files(where: str, files: Mapping[str, Path]) -> Calibration:
     Raises:
         PrepareError: The numbers of a file make no camera.
     """
-    values = {name: plain_camera(path, _content(path)) for name, path in files.items()}
-    cameras = [read_opencv_camera(files[name], name, one) for name, one in values.items()]
+    tsai = {name: read_tsai(path, name) for name, path in files.items() if is_tsai(path)}
+    others = {name: path for name, path in files.items() if name not in tsai}
+    values = {name: plain_camera(path, _content(path)) for name, path in others.items()}
+    cameras = [
+        tsai[name].camera if name in tsai else read_opencv_camera(path, name, values[name])
+        for name, path in files.items()
+    ]
+    tell_tsai(where, tsai)
     tell_readings(where, list(values.values()))
     return Calibration(cameras)
 

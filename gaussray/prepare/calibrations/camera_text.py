@@ -1,7 +1,10 @@
 """Text files of camera matrices: KRT files (Neural Volumes, Multiface), and projections K [R | t].
 
 A block of a camera is a line with its name, perhaps K (three lines of 3 numbers) and a line of
-distortion, and a matrix (three lines of 4 numbers): [R | t] behind K, and else the projection.
+distortion, and a matrix (three lines of 4 numbers): [R | t] behind K, and else the projection. That
+may be one line of 12 numbers as well, or of the 11 coefficients of a direct linear transform (DLT),
+whose twelfth is 1. A file of 11 lines has such coefficients of a camera in each column (DLTdv,
+Argus).
 """
 
 from pathlib import Path
@@ -16,18 +19,22 @@ from gaussray.prepare.errors import PrepareError
 _LARGEST = 1_000_000
 # What may stand before the one matrix of a file, and is no name (Furukawa and Ponce's data sets).
 _HEADERS = ("contour",)
-_REMEDY = (
+TEXT_RECIPE = (
     "A camera has a line with its name, three lines of K, one of distortion (k1 k2 p1 p2 k3) and "
-    "three of [R | t] from world to camera; or three lines of a 3 x 4 projection alone."
+    "three of [R | t] from world to camera; or three lines of a 3 x 4 projection alone, or its 12 "
+    "numbers (11 of a DLT) in one line."
 )
+# Coefficients of a direct linear transform: a projection's numbers but the last, which is 1.
+_DLT = 11
 _Lines = list[tuple[int, list[str]]]
 
 
 def is_camera_text(path: Path) -> bool:
-    """Whether a text file is called as one of camera matrices (KRT), or begins like one (.txt)."""
+    """Whether a text file is called as one of camera matrices (KRT), or begins like one (.txt,
+    .csv)."""
     name = path.name.lower()
     suffix = path.suffix.lower()
-    if suffix not in ("", ".krt", ".txt") or name.endswith(".qca.txt"):
+    if suffix not in ("", ".krt", ".txt", ".csv") or name.endswith(".qca.txt"):
         return False
     if (not suffix and not name.startswith("krt")) or not path.is_file():
         return False
@@ -36,9 +43,11 @@ def is_camera_text(path: Path) -> bool:
     if path.stat().st_size > _LARGEST:
         return False
     try:
-        lines = _lines(path)[:4]
+        lines = _lines(path)
     except (OSError, ValueError):
         return False
+    if _are_columns(lines):
+        return True
     start = 0 if _starts(lines, 0) else 1
     return _starts(lines, start)
 
@@ -53,8 +62,11 @@ def text_cameras(path: Path) -> dict[str, dict[str, Any]]:
         PrepareError: There is no block, one is incomplete, or a name is there twice.
     """
     lines = _lines(path)
+    if _are_columns(lines):
+        columns = _matrix(lines, 0, _DLT).T
+        return {str(k): {"P": np.append(column, 1.0)} for k, column in enumerate(columns)}
     if not lines:
-        raise PrepareError(f"{path}: must hold the numbers of a camera, got no line. {_REMEDY}")
+        raise PrepareError(f"{path}: must hold the numbers of a camera, got no line. {TEXT_RECIPE}")
     result: dict[str, dict[str, Any]] = {}
     place, unnamed = 0, 0
     while place < len(lines):
@@ -93,8 +105,25 @@ def text_camera(path: Path) -> dict[str, Any] | None:
     return None if others or name.lower() not in ("0", *_HEADERS) else values
 
 
+def has_columns(path: Path) -> bool:
+    """Whether a file has the coefficients of a camera in each of several columns; the order of the
+    columns is that of the cameras."""
+    lines = _lines(path)
+    return _are_columns(lines) and len(lines[0][1]) > 1
+
+
+def _are_columns(lines: _Lines) -> bool:
+    """Whether lines are the 11 coefficients of a camera in each column."""
+    width = len(lines[0][1]) if lines else 0
+    # As many numbers in a line may be a camera's.
+    return len(lines) == _DLT and width < _DLT and _are(lines, 0, _DLT, width)
+
+
 def _block(path: Path, lines: _Lines, place: int) -> tuple[dict[str, Any], int]:
     """The values of a block of numbers, and how many lines it has."""
+    if _is_flat(lines, place):
+        numbers = _matrix(lines, place, 1)[0]
+        return {"P": np.append(numbers, 1.0) if len(numbers) == _DLT else numbers}, 1
     start = place
     values: dict[str, Any] = {}
     if _are(lines, place, 3, 3):
@@ -112,7 +141,7 @@ def _block(path: Path, lines: _Lines, place: int) -> tuple[dict[str, Any], int]:
         rule = "three lines of 4 numbers" if "K" in values else "three lines of 3 or of 4 numbers"
         raise PrepareError(
             f"{path}: {where} must be the first of {rule}, got "
-            f"{' '.join(words)[:80] or 'nothing'}. {_REMEDY}"
+            f"{' '.join(words)[:80] or 'nothing'}. {TEXT_RECIPE}"
         )
     values["[R | t]" if "K" in values else "P"] = _matrix(lines, place, 3)
     place += 3
@@ -128,7 +157,12 @@ def _is_last_row(lines: _Lines, place: int) -> bool:
 
 def _starts(lines: _Lines, place: int) -> bool:
     """Whether numbers of a block begin at a line."""
-    return _are(lines, place, 3, 3) or _are(lines, place, 3, 4)
+    return _is_flat(lines, place) or _are(lines, place, 3, 3) or _are(lines, place, 3, 4)
+
+
+def _is_flat(lines: _Lines, place: int) -> bool:
+    """Whether a line is a whole projection, or the coefficients of a DLT."""
+    return _are(lines, place, 1, 12) or _are(lines, place, 1, _DLT)
 
 
 def _are(lines: _Lines, place: int, count: int, width: int) -> bool:

@@ -163,12 +163,12 @@ def skew_remedy(matrix: Float[np.ndarray, "3 3"], height: float = 0) -> str:
         matrix: the camera matrix.
         height: rows of the picture; 0 if they are not known.
     """
-    farthest = max(matrix[1, 2], height - matrix[1, 2])
+    farthest = max(matrix[1, 2], height - matrix[1, 2]) if height else 100.0
     pixels = abs(matrix[0, 1]) * farthest / matrix[1, 1]
-    return (
-        f"Or write 0 in its place, if {pixels:.2g} pixels at the upper and lower border of the "
-        "picture do not matter"
-    )
+    where = "at the upper and lower border of the picture"
+    if not height:
+        where = f"for each 100 rows above or below row {matrix[1, 2]:.0f}"
+    return f"Or write 0 in its place, if {pixels:.2g} pixels {where} do not matter"
 
 
 def refuse_distortion(where: object, name: object, keys: Collection[object]) -> None:

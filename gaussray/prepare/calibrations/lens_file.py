@@ -17,6 +17,7 @@ from gaussray.prepare.calibrations.nerfstudio import frame_lens, read_nerfstudio
 from gaussray.prepare.calibrations.opencv_storage import is_storage, storage_values
 from gaussray.prepare.calibrations.opencv_yaml import read_opencv_yaml
 from gaussray.prepare.calibrations.read import read_calibration
+from gaussray.prepare.calibrations.tsai import is_tsai, read_tsai, tell_tsai
 from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.lens_models import LensKeyValues
 
@@ -49,6 +50,10 @@ def read_lenses(path: Path | str) -> dict[str, LensKeyValues]:
             f"poses.lens={path}: must be a file, got {'a folder' if path.is_dir() else 'none'}. "
             "Check the path, and name the file itself."
         )
+    if is_tsai(path):
+        camera = read_tsai(path, path.stem)
+        tell_tsai(path, {path.stem: camera})
+        return {path.stem: camera.camera.lens}
     content = _content(path)
     found = _lenses(path, content) if isinstance(content, Mapping | list) else {}
     return found or _calibrated_lenses(path)

@@ -87,7 +87,7 @@ def named_in_order(calibration: Calibration, names: Sequence[str]) -> Calibratio
     shown = ordered if count <= 4 else [*ordered[:3], "...", ordered[-1]]
     say(
         f"poses.calibration: its {counted(count, 'camera')} have no names, and are those of the "
-        f"input in the order {', '.join(shown)}. A list of names beside K says another one."
+        f"input in the order {', '.join(shown)}. Names in the file say another one."
     )
     renamed = [
         dataclasses.replace(camera, name=name)

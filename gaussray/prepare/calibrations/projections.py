@@ -2,6 +2,7 @@
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial.transform import Rotation
 
 from gaussray.capture.camera_matrix import SLIGHT_SKEW, matrix_and_rotation
 from gaussray.prepare.calibrations.known_camera import skew_remedy
@@ -43,7 +44,9 @@ def split_projection(
         if got != "0":
             remedy = (
                 "Negate all its 12 numbers if points before the camera have a negative third "
-                "coordinate; otherwise one axis is mirrored: negate it."
+                "coordinate; otherwise one axis is mirrored: negate it. Where rows count from the "
+                "bottom of the picture, as in Argus and DLTdv before 8, write for the second row "
+                "(rows of the picture - 1) times the third one minus the second one."
             )
         raise PrepareError(
             f"{where}: the first three columns of {key} must have a positive determinant, got "
@@ -57,9 +60,22 @@ def split_projection(
     intrinsics, rotation = matrix_and_rotation(square)
     shift = rotation @ np.linalg.solve(square, matrix[:3, 3])
     if abs(intrinsics[0, 1]) > SLIGHT_SKEW * intrinsics[0, 0]:
+        plain = np.where(np.eye(3), intrinsics, 0.0)
+        plain[:, 2] = intrinsics[:, 2]
+        turn = Rotation.from_matrix(rotation).as_rotvec()
+        table = ", ".join(f"{name} = {_digits(array)}" for name, array in (
+            ("matrix", plain), ("rotation", turn), ("translation", shift)))  # fmt: skip
         raise PrepareError(
             f"{where}: {key} must be a projection without skew, got {intrinsics[0, 1]:.4g} pixels "
             f"beside focal lengths of {intrinsics[0, 0]:.4g} and {intrinsics[1, 1]:.4g}. "
-            f"Calibrate without skew. {skew_remedy(intrinsics)} (then write K, R and t instead)."
+            f"Calibrate without skew. {skew_remedy(intrinsics)}: in a table of a .toml, with the "
+            f"size of the pictures, {table}."
         )
     return intrinsics, np.column_stack([rotation, shift])
+
+
+def _digits(array: Float[np.ndarray, "..."]) -> str:
+    """An array as a list with eight digits of each number."""
+    return np.array2string(array, separator=", ", formatter={"float": "{:.8g}".format}).replace(
+        "\n", ""
+    )

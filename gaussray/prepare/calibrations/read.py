@@ -1,5 +1,6 @@
 """Reads a calibration of any known kind."""
 
+import dataclasses
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -14,6 +15,8 @@ from gaussray.prepare.calibrations.camera_files import (
     read_camera_files,
 )
 from gaussray.prepare.calibrations.camera_text import (
+    TEXT_RECIPE,
+    has_columns,
     is_camera_text,
     text_camera,
     text_cameras,
@@ -48,6 +51,7 @@ from gaussray.prepare.calibrations.stereo_pair import (
     is_stereo_calibration,
     stereo_cameras,
 )
+from gaussray.prepare.calibrations.tsai import is_tsai
 from gaussray.prepare.calibrations.yaml_file import yaml_content
 from gaussray.prepare.errors import PrepareError
 from gaussray.runtime.progress import say
@@ -80,9 +84,10 @@ def read_calibration(path: Path | str) -> Calibration:
         return Calibration(read_easymocap(*pair))
     reader = _reader(path)
     if reader is None:
+        text = f"Or as text: {TEXT_RECIPE} " if path.suffix.lower() in (".txt", ".csv") else ""
         raise PrepareError(
             f"poses.calibration={path}: must be a calibration of a kind that is read, got "
-            f"{path.suffix or path.name}. {TOML_RECIPE}. {ALL_KINDS}"
+            f"{path.suffix or path.name}. {TOML_RECIPE}. {text}{ALL_KINDS}"
         )
     cameras = reader(path)
     return cameras if isinstance(cameras, Calibration) else Calibration(cameras)
@@ -118,9 +123,9 @@ def _of_folder(folder: Path) -> Calibration:
 
 
 def _may_be_other(path: Path) -> bool:
-    """Whether a file may lie in the folder of a calibration for other reasons, as a .txt of numbers
-    does."""
-    text = path.suffix.lower() == ".txt" and not path.name.lower().startswith("krt")
+    """Whether a file may lie in the folder of a calibration for other reasons, as a .txt or .csv of
+    numbers does."""
+    text = path.suffix.lower() in (".txt", ".csv") and not path.name.lower().startswith("krt")
     return path.suffix.lower() in _NAMED_ALONE or (text and is_camera_text(path))
 
 
@@ -216,6 +221,9 @@ def _read_text(path: Path) -> Calibration:
     blocks = text_cameras(path)
     cameras = opencv_cameras(path, blocks)
     assert cameras is not None
+    if has_columns(path):
+        say(f"{path}: each column has the 11 coefficients of a camera (DLT), whose twelfth is 1.")
+        return dataclasses.replace(cameras, in_order=True)
     if list(blocks) == [str(i) for i in range(len(blocks))]:
         say(f"{path}: {len(blocks)} cameras without a name are called by their number, from 0.")
     if any("K" in one for one in blocks.values()):
@@ -256,6 +264,8 @@ def _reader(path: Path) -> Callable[[Path], list[KnownCamera] | Calibration] | N
         return read_stereo_storage
     if name.endswith(".xml") and is_metashape(path):
         return read_metashape_cameras
+    if is_tsai(path):
+        return refuse_single_camera
     if name.endswith((".qca.txt", ".xml", ".qca")):
         return read_qualisys
     if is_camera_text(path):

@@ -3,8 +3,9 @@
 import numpy as np
 
 from gaussray.prepare.findings.finding import Finding
+from gaussray.prepare.findings.listed_names import listed_names, listed_pictures
 from gaussray.prepare.findings.more_matches import more_matches
-from gaussray.prepare.placed_cameras import neighbour_angles, picture_name
+from gaussray.prepare.placed_cameras import neighbour_angles
 from gaussray.prepare.poses import Placement
 
 
@@ -33,7 +34,7 @@ def camera_findings(placement: Placement) -> list[Finding]:
         text = f"only {found} of {total} pictures have a pose"
         return [Finding("refuse", "cameras", text, remedy)]
     if missing:
-        names = ", ".join(picture_name(p, placement) for p in missing[:8])
+        names = listed_pictures(missing, placement)
         text = f"{found} of {total} pictures have a pose; left out: {names}"
         findings = [Finding("warn", "cameras", text, remedy)]
     else:
@@ -45,7 +46,7 @@ def camera_findings(placement: Placement) -> list[Finding]:
         apart = np.where([camera in placement.still for camera in cameras], apart, 0)
         far = np.flatnonzero(apart > APART)
         if len(far):
-            names = ", ".join(cameras[k] for k in far)
+            names = listed_names([cameras[k] for k in far])
             findings.append(
                 Finding(
                     "warn",

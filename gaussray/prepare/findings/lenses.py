@@ -3,6 +3,7 @@
 import re
 
 from gaussray.prepare.findings.finding import Finding
+from gaussray.prepare.findings.listed_names import listed_names
 from gaussray.prepare.lens_check import is_unreadable, lens_complaint
 from gaussray.prepare.lens_models import lens_fov
 from gaussray.prepare.placed_cameras import camera_lenses
@@ -28,7 +29,7 @@ def lens_findings(placement: Placement) -> list[Finding]:
         same[name] = reason
     for (level, _), reasons in complaints.items():
         names, reason = list(reasons), _with_range(list(reasons.values()))
-        listed = ", ".join(names[:8]) + ("..." if len(names) > 8 else "")
+        listed = listed_names(names, list(lenses))
         if level and given:
             unread = any(is_unreadable(lenses[name]) for name in names)
             what = "poses.lens" if by_lens else "the calibration"

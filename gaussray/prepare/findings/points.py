@@ -3,8 +3,8 @@
 import numpy as np
 
 from gaussray.prepare.findings.finding import Finding
+from gaussray.prepare.findings.listed_names import listed_pictures
 from gaussray.prepare.findings.more_matches import more_matches
-from gaussray.prepare.placed_cameras import picture_name
 from gaussray.prepare.poses import Placement
 from gaussray.prepare.sparse_model import observations_by_picture
 
@@ -35,15 +35,14 @@ def point_findings(placement: Placement) -> list[Finding]:
     if placement.known:
         fewest = round(max(OBSERVATIONS * min(1, scale), _TESTING))
     weak = [picture for picture, count in counts if count < fewest]
-    few = [picture_name(picture, placement) for picture in weak]
     median = float(np.median(model.observations.error))
     findings = []
     if median > DOUBTFUL_ERROR * scale:
         text = f"the median reprojection error is {median:.2f} pixels"
         remedy = "fit.refine=[pose,lens] may repair it; look at the epipolar lines first."
         findings.append(Finding("warn", "points", text, remedy))
-    if few:
-        names = ", ".join(few[:8]) + ("..." if len(few) > 8 else "")
+    if weak:
+        names = listed_pictures(weak, placement)
         text = f"{names}: fewer than {fewest} observations"
         more = ", ".join(more_matches(placement, weak))
         remedy = f"Cameras closer to each other, more texture; {more}."

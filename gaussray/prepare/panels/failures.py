@@ -9,12 +9,17 @@ from gaussray.prepare.sources import Source
 from gaussray.runtime.output import first_of
 
 
+def holds_views(source: Source) -> bool:
+    """Whether a video surely holds two views in each picture, which one pose does not fit."""
+    return source.first is not None and any(one.are_surely_views for one in source.first.panels)
+
+
 @contextmanager
 def panels_in_errors(sources: Sequence[Source]) -> Iterator[None]:
-    """Have a failure within the block repeat which videos seem to hold several panels.
+    """Have a failure within the block begin with which videos seem to hold several panels.
 
     Raises:
-        PrepareError: That of the block, with the videos.
+        PrepareError: That of the block, after the videos.
     """
     try:
         yield
@@ -25,6 +30,7 @@ def panels_in_errors(sources: Sequence[Source]) -> Iterator[None]:
         if not held:
             raise
         raise PrepareError(
-            f"{error} The reason may be that {first_of(held)} seem{'s' * (len(held) == 1)} to hold "
-            "several views or maps in each picture: cut them as the warning at the beginning says."
+            f"{first_of(held)} seem{'s' * (len(held) == 1)} to hold several views or maps in each "
+            "picture, which may be the reason of the failure: cut them as the warning at the "
+            f"beginning says. What failed: {error}"
         ) from error

@@ -80,6 +80,13 @@ class PanelSigns:
         return width < 2 * height if self.layout.columns > 1 else height <= width
 
     @property
+    def are_surely_views(self) -> bool:
+        """Whether the picture is of two views by two signs: they are alike, and a clear seam, the
+        only one, is between them."""
+        cuts = self.seams.cuts
+        return self.are_alike and min(cuts) >= _SEAM and self.seams.other <= _OTHER * min(cuts)
+
+    @property
     def are_panels(self) -> bool:
         """Whether the picture seems to be of several panels, from what it shows itself."""
         if self.are_alike:

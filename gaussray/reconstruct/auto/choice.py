@@ -28,6 +28,7 @@ from gaussray.reconstruct.auto.presets import (
 )
 from gaussray.reconstruct.data.segments import training_views
 from gaussray.reconstruct.data.still_cameras import one_at_a_time
+from gaussray.reconstruct.optimize.density import DensityOptions
 from gaussray.reconstruct.options import FitOptions, ReconstructOptions
 from gaussray.runtime.output import counted
 
@@ -91,6 +92,10 @@ def auto_choice(capture: Capture, options: ReconstructOptions, machine: Machine)
     else:
         chosen = transient_preset(pixels, minutes, machine, names[0])
     chosen = for_few_viewpoints(chosen, len(set(viewpoints(views))), machine)
+    if options.density.opacity_cost != DensityOptions().opacity_cost:
+        # The pictures, which are read later, do not change what is set.
+        explicit = (*options.explicit_keys, "density.opacity_cost")
+        options = replace(options, explicit_keys=explicit)
     steps = options.fit.coarse, options.fit.fine
     given = not {"fit.coarse", "fit.fine"}.isdisjoint(options.explicit_keys)
     given |= steps != (FitOptions().coarse, FitOptions().fine)

@@ -27,6 +27,8 @@ def contrast_of(footage: Footage) -> float:
     if not len(pixel):
         return 0.0
     some = pixel[:: -(-len(pixel) // _PIXELS)].astype(np.float32) / footage.scale
+    # Lamps of an HDR picture, far brighter than white, are white here; what is no number is black.
+    some = np.clip(np.nan_to_num(some, posinf=1.0), 0, 1)
     return float(np.abs(some - np.median(some, axis=0)).mean())
 
 
@@ -41,6 +43,6 @@ def cost_at_contrast(cost: float, contrast: float) -> float:
         cost: what it costs at usual contrast, `density.opacity_cost`.
         contrast: `contrast_of` the training pictures.
     """
-    # Rounded, as steps are compiled for each value anew.
-    share = round(min(contrast / _USUAL, 1.0), 2)
+    # Rounded, as steps are compiled for each value anew; the segments of a clip share one.
+    share = round(min(contrast / _USUAL, 1.0), 1)
     return max(share * cost, min(cost, DensityOptions().opacity_cost))

@@ -132,7 +132,7 @@ class Loader:
         steps = plan.most
 
         def drawn(at: int) -> Batch:
-            return self.batches(stage, at, sizes[at], plan.steps)
+            return self.batches(stage, at, sizes[at], plan.first_planned)
 
         sizes = {at: min(block, steps - at) for at in range(done, steps, block)}
         ahead = None

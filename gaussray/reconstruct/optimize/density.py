@@ -46,8 +46,8 @@ class DensityOptions(eqx.Module):
         growth: split: the largest number of Gaussians, in initial numbers.
         gaussians: the largest number of Gaussians, if there are not more at first; where they are
             relocated it grows by 5 % each time.
-        opacity_cost: relocate: what the mean opacity of all Gaussians costs (MCMC: 0.01); less
-            where pictures have little contrast (`contrast.cost_at_contrast`).
+        opacity_cost: relocate: what the mean opacity of all Gaussians costs (MCMC: 0.01). What
+            fit.auto chooses falls with the contrast of the pictures (`contrast.cost_at_contrast`).
         scale_cost: relocate: what their mean scale costs, in extents (MCMC: 0.01).
         transient_cost: relocate: how many times these costs a transient Gaussian costs.
         noise: relocate: noise of the positions of faint Gaussians, times covariance over extent; it

@@ -165,7 +165,7 @@ def test_values_by_camera_may_be_blocks(tmp_path):
         ({"K": np.eye(3).tolist()}, "fx, fy, cx and cy must not differ from the matrix"),
         (
             {"intrinsics": {**APART, "skew": 4.0}},
-            "must have no skew, got 4 pixels .* 500.* write 0 in its place, if 1.9 pixels at",
+            "must have no skew, got 4 pixels .* 500.* if 0.79 pixels for each 100",
         ),
         ({"intrinsics": {**APART, "model": "omni"}}, "must be a pinhole .* got omni"),
         ({"extrinsics": {"R": [1, 0, 0, 0], "t": [0, 0, 0]}}, "a has no R .3 or 9 numbers"),

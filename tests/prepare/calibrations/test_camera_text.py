@@ -188,3 +188,63 @@ def test_an_empty_file_is_told(tmp_path, name, text):
     path = write(tmp_path / name, text)
     with pytest.raises(PrepareError, match="must hold the numbers of a camera, got no line"):
         read_calibration(path)
+
+
+def flat(matrix, count=12, gap=","):
+    """A projection in one line, divided by its last number."""
+    return gap.join(repr(float(x)) for x in (matrix / matrix[2, 3]).ravel()[:count]) + "\n"
+
+
+@pytest.mark.parametrize("count", [11, 12])
+@pytest.mark.parametrize(("suffix", "gap"), [(".csv", ","), (".csv", ", "), (".txt", " ")])
+def test_a_projection_in_one_line_of_each_camera(tmp_path, count, suffix, gap):
+    for k, matrix in enumerate(projections()):
+        path = write(tmp_path / f"view{k}{suffix}", flat(matrix, count, gap))
+    write(tmp_path / "track.csv", ",0,1,2\n0,50.0,111.0,105.0\n")
+    check(read_calibration(tmp_path).cameras, ["view0", "view1", "view2"])
+    with pytest.raises(PrepareError, match="must hold all cameras, got one"):
+        read_calibration(path)
+    path = write(tmp_path / f"rig{suffix}", "".join(flat(one, count, gap) for one in projections()))
+    check(read_calibration(path).cameras, "012")
+    named = "".join(f"{n}\n" + flat(m) for n, m in zip(NAMES, projections(), strict=True))
+    check(read_calibration(write(path, named)).cameras, NAMES)
+
+
+def test_columns_are_the_coefficients_of_cameras_in_order(tmp_path, capsys):
+    columns = np.array([(one / one[2, 3]).ravel()[:11] for one in projections()]).T
+    text = "".join(",".join(repr(float(x)) for x in row) + "\n" for row in columns)
+    calibration = read_calibration(write(tmp_path / "DLTcoefs.csv", text))
+    check(calibration.cameras, "012")
+    assert calibration.in_order
+    assert "each column has the 11 coefficients of a camera (DLT)" in capsys.readouterr().out
+    # A file of one camera has one column.
+    (tmp_path / "DLTcoefs.csv").unlink()
+    for k in range(3):
+        write(tmp_path / f"cam{k}_dlt.csv", "".join(f"{x!r}\n" for x in columns[:, k].tolist()))
+    check(read_calibration(tmp_path).cameras, [f"cam{k}_dlt" for k in range(3)])
+
+
+def test_a_table_that_is_no_projection_is_told_how_one_is_written(tmp_path):
+    path = write(tmp_path / "track.csv", ",0,1\n0,50.0,111.0\n")
+    with pytest.raises(PrepareError, match="got .csv. Write .*Or as text: .* or its 12 numbers"):
+        read_calibration(path)
+
+
+def test_rows_that_count_from_the_bottom_and_skew_are_told_how_to_mend(tmp_path):
+    height, matrix = 2048, projections()[0]
+    upward = matrix.copy()
+    upward[1] = (height - 1) * matrix[2] - matrix[1]
+    path = write(tmp_path / "rig.csv", flat(upward) + flat(projections()[1]))
+    with pytest.raises(PrepareError, match="rows count from the bottom .* the third one minus the"):
+        read_calibration(path)
+    upward[1] = (height - 1) * upward[2] - upward[1]
+    write(path, flat(upward) + flat(projections()[1]))
+    assert read_calibration(path).cameras[0].lens["cy"] == pytest.approx(1011, rel=CLOSE)
+    write(path, flat(MATRIX @ SKEWED @ POSES[0]) + flat(projections()[1]))
+    with pytest.raises(
+        PrepareError, match="1 pixels for each 100 rows above or below row 1010"
+    ) as e:
+        read_calibration(path)
+    assert "matrix = [[7000, 0, 690.25], [0, 7020, 1010.5], [0, 0, 1]], rotation = [" in str(
+        e.value
+    )

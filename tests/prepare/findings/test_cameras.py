@@ -52,6 +52,18 @@ def test_half_of_the_pictures_must_have_a_pose():
     assert alone.level == "refuse"
 
 
+def test_missing_pictures_are_told_as_a_range():
+    names = [f"{k:05d}.jpg" for k in range(65)]
+    placement = placed([0] * 37, missing=28)
+    pictures = {
+        one.file: dataclasses.replace(one, camera="photos", instant=k, photograph=name)
+        for k, (one, name) in enumerate(zip(placement.pictures.values(), names, strict=True))
+    }
+    changed = dataclasses.replace(placement, pictures=pictures, still=frozenset())
+    finding = camera_findings(changed)[0]
+    assert finding.text.endswith("37 of 65 pictures have a pose; left out: 00037.jpg to 00064.jpg")
+
+
 @pytest.mark.parametrize(("more", "still"), [(8, True), (0, True), (8, False)])
 def test_more_timestamps_are_recommended_only_where_a_still_camera_has_them(more, still):
     found = dataclasses.replace(placed([0, 20], missing=2), more_instants=more)

@@ -1,5 +1,7 @@
 """Videos of several views or maps are told, ordinary pictures are not."""
 
+import warnings
+
 import numpy as np
 import pytest
 from quads import looking, picture, write_video
@@ -7,7 +9,7 @@ from scipy.ndimage import gaussian_filter
 
 from gaussray.capture.errors import CaptureWarning
 from gaussray.prepare.errors import PrepareError
-from gaussray.prepare.panels.failures import panels_in_errors
+from gaussray.prepare.panels.failures import holds_views, panels_in_errors
 from gaussray.prepare.panels.find import find_panels, panel_signs, warn_of_panels
 from gaussray.prepare.sources import find_sources
 
@@ -202,12 +204,29 @@ def test_beside_a_video_of_panels_less_is_asked_of_another_one(unlike):
     assert found[0] is None and found[1] is not None
 
 
-def test_a_failure_repeats_which_videos_hold_panels(tmp_path, views):
+def test_views_are_sure_by_two_signs(tmp_path, views, unlike):
+    """They are alike, and a seam is between them: then poses are tried once."""
+    smooth = [gaussian_filter(view, (1.5, 1.5, 0)) for view in views]
+    dark = [smooth[0], (0.4 * smooth[1]).astype(np.uint8)]
+    single, plain, sure = (
+        np.concatenate(pair, axis=1) for pair in ((views[0], views[0][:, ::-1]), unlike[:2], dark)
+    )
+    for name, shown, expected in (("a", single, False), ("b", plain, False), ("c", sure, True)):
+        path = tmp_path / name
+        path.mkdir()
+        write_video(path / "v.mp4", [shown] * 2)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", CaptureWarning)
+            (source,) = find_sources(path)
+        assert holds_views(source) == expected
+
+
+def test_a_failure_begins_with_which_videos_hold_panels(tmp_path, views):
     write_video(tmp_path / "a.mp4", [np.concatenate(views, 1)] * 3)
     write_video(tmp_path / "b.mp4", [views[0]] * 3)
     with pytest.warns(CaptureWarning, match="two views side by side"):
         sources = find_sources(tmp_path)
-    with pytest.raises(PrepareError, match="^no poses. The reason may be that a.mp4 seems to hold"):
+    with pytest.raises(PrepareError, match="^a.mp4 seems to hold .* failed: no poses.$"):
         with panels_in_errors(sources):
             raise PrepareError("no poses.")
     with pytest.raises(PrepareError, match="^no poses.$"), panels_in_errors(sources[1:]):

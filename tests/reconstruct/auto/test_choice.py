@@ -260,6 +260,13 @@ def test_pictures_that_each_have_their_own_time_share_gaussians_on_control_point
     assert fit.tile_side == 32 and chosen.options.density.relocates and fit.minutes > 0
 
 
+def test_a_cost_of_opacity_that_is_set_is_known_to_be():
+    own = replace(AUTO, density=replace(AUTO.density, opacity_cost=0.07))
+    found = auto_choice(capture(), own, GPU).options
+    assert found.density.opacity_cost == 0.07 and "density.opacity_cost" in found.explicit_keys
+    assert "density.opacity_cost" not in auto_choice(capture(), AUTO, GPU).options.explicit_keys
+
+
 @pytest.mark.parametrize("machine", [CPU, GPU])
 def test_one_shot_of_a_rig_whose_cameras_are_triggered_one_after_another_is_still(machine):
     def motion(span, unit, names=6):
@@ -419,6 +426,29 @@ def test_a_plan_grows_where_steps_were_slow_for_a_while(monkeypatch):
     # Rates go on from what they were, to the end.
     assert 0 < plan.schedule.begin < done and plan.schedule.share > 0
     assert plan.schedule.share_at(done) == 1
+
+
+def test_rates_never_rise_after_a_plan_has_grown(monkeypatch):
+    """Steps are slow up to step 500, four times as fast from then on, for a long time."""
+    shares, plans = [], []
+    after = TimedPlan.after_block
+
+    def watched(self, done, score=None):
+        before, changed = self.schedule, after(self, done, score)
+        if self.schedule.begin:
+            shares.append(float(self.schedule.share_at(done)))
+            assert self.schedule.steps >= before.steps and changed == (self.schedule != before)
+        plans.append(self.seconds_of_fewest)
+        return changed
+
+    monkeypatch.setattr(TimedPlan, "after_block", watched)
+    slow = {done: 15 for done in range(10, 510, 10)}
+    plan, done, spent = timed(monkeypatch, seconds=1500.0, more=slow)
+    assert done == plan.steps and 1490 <= spent - 50 <= 1500
+    assert len(shares) > 10 and (np.diff(shares) > 0).all() and shares[-1] == 1
+    # A plan of the fewest steps, which take too long, is not told so any more once it has grown.
+    plan, *_ = timed(monkeypatch, seconds=1000.0, more={n: 15 for n in range(10, 320, 10)})
+    assert plan.steps > 600 and max(plans) > 0 and plan.seconds_of_fewest == 0
 
 
 def test_a_timed_plan_that_has_no_time_takes_the_fewest_steps(monkeypatch):

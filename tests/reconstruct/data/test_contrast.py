@@ -37,6 +37,13 @@ def test_masked_pixels_have_no_contrast():
     assert contrast_of(toy.footage_of(pictures, ~seen & False)) == 0
 
 
+def test_lamps_brighter_than_white_are_white_and_what_is_no_number_is_black():
+    pictures = bright_part(0.25, 255) / 255
+    brighter = np.where(pictures > 0, 7.0, pictures)
+    brighter[:, -1] = np.nan
+    assert contrast_of(toy.footage_of(brighter)) == pytest.approx(0.25, abs=CLOSE)
+
+
 def test_opacity_costs_less_in_proportion_to_little_contrast_but_no_less_than_the_default():
     least = DensityOptions().opacity_cost
     assert cost_at_contrast(0.12, 0.15) == cost_at_contrast(0.12, 0.4) == 0.12
