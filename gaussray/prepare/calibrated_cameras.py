@@ -21,12 +21,14 @@ def check_calibrated_cameras(calibration: Calibration, sources: Sequence[Source]
     names = [camera.name for camera in calibration.cameras]
     used = {like_name(names, source.name) for source in sources}
     absent = [name for name in names if name not in used]
-    others = (
-        f"Add the videos of the other cameras of the calibration, which have none: "
-        f"{listed_names(absent)}. "
-        if absent
-        else ""
-    )
+    others = ""
+    if absent:
+        listed = listed_names(absent)
+        others = (
+            f"Add the videos of the other cameras of the calibration, which have none: {listed}. "
+        )
+    for name, reason in calibration.left_out.items():
+        others += f"{name} does not count, because {reason}. "
     raise PrepareError(
         f"poses.calibration must be of at least two cameras with a video, got "
         f"{sources[0].name} alone: one camera that stands still tells no depth. {others}If this "

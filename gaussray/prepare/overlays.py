@@ -6,19 +6,23 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Float, Int
 
 from gaussray.capture.picture_file import read_levels
 from gaussray.prepare.colmap import pycolmap
 from gaussray.prepare.features import Keypoints, MatchingPicture, raw_matches, verified_matches
 from gaussray.prepare.low_resolution import details_differ, low_details
-from gaussray.prepare.missing_poses import FIRST_PAIR
+from gaussray.prepare.missing_poses import FIRST_PAIR_AT_LAST
 
 
 # A match lies at the same place in both pictures within so large a share of their width and height.
 SAME_PLACE = 0.002
 # Share of the matches at the same place from which on they decide about poses.
 _MOST = 0.5
+# Columns and rows of cells of a picture; a drawing lies in no more than such a share of the cells
+# that as many matches all over the picture would lie in. A background too far away to move lies in
+# more.
+_CELLS, _SMALL = 16, 0.5
 # What a drawing does with pictures of several cameras, and what to do about it.
 OVER_BOTH = "what they share lies in the same place in both: a logo or a counter drawn over them"
 WITHOUT_IT = "Mask it (masks and poses.masks=true, docs/prepare.md) or cut it off."
@@ -69,6 +73,14 @@ def at_same_place(
     return np.linalg.norm(before - after, axis=1) < SAME_PLACE
 
 
+def in_small_part(place: Float[np.ndarray, "m 2"]) -> bool:
+    """Whether places, relative to the size of a picture, lie in a small part of it: in few cells
+    beside as many places at random."""
+    cells = np.clip((_CELLS * place).astype(int), 0, _CELLS - 1)
+    held, every = len(np.unique(cells, axis=0)), _CELLS**2
+    return held <= _SMALL * every * (1 - (1 - 1 / every) ** len(place))
+
+
 def without_overlays(
     database: Path,
     folder: Path,
@@ -77,9 +89,9 @@ def without_overlays(
 ) -> list[PictureOverlay]:
     """Take matches of drawings over the pictures out of a database, and tell of whose they are.
 
-    They are at the same place in two pictures that differ at low resolution. Two cameras, or one
-    camera that moves, lose them if they are most of all their matches: else the others decide. A
-    tripod's own pictures are not matched, and a copy's do not differ.
+    They are at the same place in two pictures that differ at low resolution, in a small part of
+    these. Two cameras, or one camera that moves, lose them if they are most of all their matches:
+    else the others decide. A tripod's own pictures are not matched, and a copy's do not differ.
 
     Args:
         database: COLMAP database with verified matches. Pairs that lose matches lose their
@@ -98,9 +110,13 @@ def without_overlays(
     for (a, b), rows in verified_matches(database).items():
         one, other = sorted((pictures[a].camera, pictures[b].camera))
         totals[one, other] = totals.get((one, other), 0) + len(rows)
-        same = int(_same(a, b, rows, pictures, keypoints).sum())
-        if same > _MOST * len(rows) and details_differ(details(a), details(b)):
-            found.setdefault((one, other), {})[a, b] = same
+        same = _same(a, b, rows, pictures, keypoints)
+        count = int(same.sum())
+        if count <= _MOST * len(rows):
+            continue
+        place = keypoints[a].xy[rows[same, 0]] / np.array(pictures[a].size)
+        if in_small_part(place) and details_differ(details(a), details(b)):
+            found.setdefault((one, other), {})[a, b] = count
     overlays = [
         PictureOverlay(cameras, same, totals[cameras])
         for cameras, pairs in found.items()
@@ -133,7 +149,7 @@ def check_overlays(
         ),
         default=0,
     )
-    return overlay_reason(several) if best < FIRST_PAIR else ""
+    return overlay_reason(several) if best < FIRST_PAIR_AT_LAST else ""
 
 
 def overlay_reason(overlays: Collection[PictureOverlay]) -> str:

@@ -115,10 +115,11 @@ def pruned_segment(
         session.log.save(state, progress)
         if not session.options.prune.loss or is_memory(error):
             raise
+        why = str(error).rstrip(". ") or type(error).__name__
         raise FitError(
-            f"pruning failed: {str(error).rstrip('. ')}. The fit is kept in "
-            f"{session.log.checkpoint}: resumed with prune.loss=0, it is saved unpruned. "
-            "GAUSSRAY_TRACEBACK=1 shows what failed."
+            f"pruning failed: {why}. The fit is kept in {session.log.checkpoint}: resumed "
+            "(resume=true) with prune.loss=0, it is saved unpruned. GAUSSRAY_TRACEBACK=1 shows "
+            "what failed."
         ) from error
     if session.equalization is not None:
         scene = replace(scene, light=session.equalization.light)

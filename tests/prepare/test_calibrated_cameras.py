@@ -25,6 +25,13 @@ def test_a_single_camera_is_refused_with_those_that_have_no_video(tmp_path):
         check_calibrated_cameras(calibration("c0"), [source("c0", tmp_path)])
 
 
+def test_what_the_file_lacks_of_another_camera_is_told(tmp_path):
+    known = calibration("c0")
+    known.left_out["c1"] = "c1 has no rotation and no translation"
+    with pytest.raises(PrepareError, match="c1 does not count, because c1 has no rotation and no"):
+        check_calibrated_cameras(known, [source("c0", tmp_path)])
+
+
 def test_two_cameras_are_enough(tmp_path):
     both = [source(name, tmp_path) for name in ("c0", "c1")]
     check_calibrated_cameras(calibration("c0", "c1", "c2"), both)

@@ -7,7 +7,12 @@ from typing import Any
 
 from gaussray.capture.formats.transforms import json_if_readable
 from gaussray.prepare.calibrations.camera_text import is_camera_text, text_camera
-from gaussray.prepare.calibrations.camera_values import plain_camera, tell_readings
+from gaussray.prepare.calibrations.camera_values import (
+    plain_camera,
+    plain_cameras,
+    tell_readings,
+)
+from gaussray.prepare.calibrations.dlt_facing import check_dlts
 from gaussray.prepare.calibrations.known_camera import Calibration
 from gaussray.prepare.calibrations.named_cameras import is_by_value
 from gaussray.prepare.calibrations.opencv_json import is_opencv_camera, read_opencv_camera
@@ -16,7 +21,7 @@ from gaussray.prepare.calibrations.opencv_pose import found_pose
 from gaussray.prepare.calibrations.opencv_storage import is_small_storage, storage_values
 from gaussray.prepare.calibrations.stereo_pair import is_stereo_calibration
 from gaussray.prepare.calibrations.tsai import is_tsai, read_tsai, tell_tsai
-from gaussray.prepare.calibrations.value_names import PROJECTION_NAMES
+from gaussray.prepare.calibrations.value_names import DLT_KEY, PROJECTION_NAMES
 from gaussray.prepare.calibrations.yaml_file import yaml_content
 from gaussray.prepare.errors import PrepareError
 
@@ -91,11 +96,13 @@ def read_camera_files(where: str, files: Mapping[str, Path]) -> Calibration:
     """
     tsai = {name: read_tsai(path, name) for name, path in files.items() if is_tsai(path)}
     others = {name: path for name, path in files.items() if name not in tsai}
-    values = {name: plain_camera(path, _content(path)) for name, path in others.items()}
+    values = plain_cameras({name: (path, _content(path)) for name, path in others.items()})
     cameras = [
         tsai[name].camera if name in tsai else read_opencv_camera(path, name, values[name])
         for name, path in files.items()
     ]
+    of_dlts = [camera.pose for camera in cameras if DLT_KEY in values.get(camera.name, {})]
+    check_dlts(where, of_dlts)
     tell_tsai(where, tsai)
     tell_readings(where, list(values.values()))
     return Calibration(cameras)

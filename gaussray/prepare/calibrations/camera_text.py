@@ -3,8 +3,8 @@
 A block of a camera is a line with its name, perhaps K (three lines of 3 numbers) and a line of
 distortion, and a matrix (three lines of 4 numbers): [R | t] behind K, and else the projection. That
 may be one line of 12 numbers as well, or of the 11 coefficients of a direct linear transform (DLT),
-whose twelfth is 1. A file of 11 lines has such coefficients of a camera in each column (DLTdv,
-Argus).
+whose twelfth is 1; the name may stand before them in their line. A file of 11 lines, below names
+perhaps, has such coefficients of a camera in each column (DLTdv, Argus).
 """
 
 from pathlib import Path
@@ -12,7 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from gaussray.io.safe.files import read_text
+from gaussray.prepare.calibrations.dlt_columns import (
+    DLT_COUNT,
+    dlt_columns,
+    names_apart,
+    refuse_square_table,
+)
+from gaussray.prepare.calibrations.projections import dlt_projection
+from gaussray.prepare.calibrations.text_lines import NumberedLines, line_numbers, numbered_lines
+from gaussray.prepare.calibrations.value_names import DLT_KEY
 from gaussray.prepare.errors import PrepareError
 
 
@@ -22,11 +30,10 @@ _HEADERS = ("contour",)
 TEXT_RECIPE = (
     "A camera has a line with its name, three lines of K, one of distortion (k1 k2 p1 p2 k3) and "
     "three of [R | t] from world to camera; or three lines of a 3 x 4 projection alone, or its 12 "
-    "numbers (11 of a DLT) in one line."
+    "numbers (11 of a DLT) in one line, before which the name may stand (no number, unless a first "
+    "line says name,L1,...,L11). 11 lines have a camera of a DLT in each column, below a line of "
+    "names that are not all numbers, or none; 11 lines of 11 or 12 numbers need the names."
 )
-# Coefficients of a direct linear transform: a projection's numbers but the last, which is 1.
-_DLT = 11
-_Lines = list[tuple[int, list[str]]]
 
 
 def is_camera_text(path: Path) -> bool:
@@ -43,11 +50,12 @@ def is_camera_text(path: Path) -> bool:
     if path.stat().st_size > _LARGEST:
         return False
     try:
-        lines = _lines(path)
+        lines = numbered_lines(path)
     except (OSError, ValueError):
         return False
-    if _are_columns(lines):
+    if dlt_columns(lines) is not None:
         return True
+    lines = names_apart(lines)
     start = 0 if _starts(lines, 0) else 1
     return _starts(lines, start)
 
@@ -59,12 +67,18 @@ def text_cameras(path: Path) -> dict[str, dict[str, Any]]:
         path: the file (`is_camera_text`).
 
     Raises:
-        PrepareError: There is no block, one is incomplete, or a name is there twice.
+        PrepareError: There is no block, one is incomplete, a name is there twice, or cameras may be
+            in lines or in columns.
     """
-    lines = _lines(path)
-    if _are_columns(lines):
-        columns = _matrix(lines, 0, _DLT).T
-        return {str(k): {"P": np.append(column, 1.0)} for k, column in enumerate(columns)}
+    lines = numbered_lines(path)
+    columns = dlt_columns(lines)
+    if columns is not None:
+        names = columns.names or [str(k) for k in range(len(columns.coefficients))]
+        _check_names(path, names)
+        values = [{DLT_KEY: dlt_projection(numbers)} for numbers in columns.coefficients]
+        return dict(zip(names, values, strict=True))
+    refuse_square_table(path, lines)
+    lines = names_apart(lines)
     if not lines:
         raise PrepareError(f"{path}: must hold the numbers of a camera, got no line. {TEXT_RECIPE}")
     result: dict[str, dict[str, Any]] = {}
@@ -77,11 +91,7 @@ def text_cameras(path: Path) -> dict[str, dict[str, Any]]:
         else:
             unnamed += 1
         values, count = _block(path, lines, place)
-        if name in result:
-            raise PrepareError(
-                f"{path}: each camera must have a name of its own, got {name[:80]} twice. Change "
-                "one."
-            )
+        _check_names(path, [*result, name])
         result[name] = values
         place += count
     if unnamed not in (0, len(result)):
@@ -105,25 +115,28 @@ def text_camera(path: Path) -> dict[str, Any] | None:
     return None if others or name.lower() not in ("0", *_HEADERS) else values
 
 
-def has_columns(path: Path) -> bool:
-    """Whether a file has the coefficients of a camera in each of several columns; the order of the
-    columns is that of the cameras."""
-    lines = _lines(path)
-    return _are_columns(lines) and len(lines[0][1]) > 1
+def has_unnamed_columns(path: Path) -> bool:
+    """Whether a file has the coefficients of a camera in each of several columns, without names;
+    the order of the columns is that of the cameras."""
+    columns = dlt_columns(numbered_lines(path))
+    return columns is not None and columns.names is None and len(columns.coefficients) > 1
 
 
-def _are_columns(lines: _Lines) -> bool:
-    """Whether lines are the 11 coefficients of a camera in each column."""
-    width = len(lines[0][1]) if lines else 0
-    # As many numbers in a line may be a camera's.
-    return len(lines) == _DLT and width < _DLT and _are(lines, 0, _DLT, width)
+def _check_names(path: Path, names: list[str]) -> None:
+    """Refuse two cameras of one name."""
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise PrepareError(
+            f"{path}: each camera must have a name of its own, got {twice[:80]} twice. Change one."
+        )
 
 
-def _block(path: Path, lines: _Lines, place: int) -> tuple[dict[str, Any], int]:
+def _block(path: Path, lines: NumberedLines, place: int) -> tuple[dict[str, Any], int]:
     """The values of a block of numbers, and how many lines it has."""
     if _is_flat(lines, place):
         numbers = _matrix(lines, place, 1)[0]
-        return {"P": np.append(numbers, 1.0) if len(numbers) == _DLT else numbers}, 1
+        dlt = len(numbers) == DLT_COUNT
+        return {DLT_KEY: dlt_projection(numbers)} if dlt else {"P": numbers}, 1
     start = place
     values: dict[str, Any] = {}
     if _are(lines, place, 3, 3):
@@ -132,8 +145,8 @@ def _block(path: Path, lines: _Lines, place: int) -> tuple[dict[str, Any], int]:
         # A line of distortion may have four numbers as well.
         whole = _are(lines, place, 4, 4) and _is_last_row(lines, place + 3)
         if not _are(lines, place, 3, 4) or (_are(lines, place, 4, 4) and not whole):
-            if place < len(lines) and _numbers(lines[place][1]) is not None:
-                values["dist"] = _numbers(lines[place][1])
+            if place < len(lines) and line_numbers(lines[place][1]) is not None:
+                values["dist"] = line_numbers(lines[place][1])
                 place += 1
     if not _are(lines, place, 3, 4):
         number, words = lines[place] if place < len(lines) else (None, [])
@@ -148,45 +161,30 @@ def _block(path: Path, lines: _Lines, place: int) -> tuple[dict[str, Any], int]:
     return values, place + _is_last_row(lines, place) - start
 
 
-def _is_last_row(lines: _Lines, place: int) -> bool:
+def _is_last_row(lines: NumberedLines, place: int) -> bool:
     """Whether a line is the row 0 0 0 1 of a 4 x 4 matrix."""
     if not _are(lines, place, 1, 4):
         return False
     return bool(np.abs(_matrix(lines, place, 1) - (0, 0, 0, 1)).max() <= 1e-6)
 
 
-def _starts(lines: _Lines, place: int) -> bool:
+def _starts(lines: NumberedLines, place: int) -> bool:
     """Whether numbers of a block begin at a line."""
     return _is_flat(lines, place) or _are(lines, place, 3, 3) or _are(lines, place, 3, 4)
 
 
-def _is_flat(lines: _Lines, place: int) -> bool:
+def _is_flat(lines: NumberedLines, place: int) -> bool:
     """Whether a line is a whole projection, or the coefficients of a DLT."""
-    return _are(lines, place, 1, 12) or _are(lines, place, 1, _DLT)
+    return _are(lines, place, 1, 12) or _are(lines, place, 1, DLT_COUNT)
 
 
-def _are(lines: _Lines, place: int, count: int, width: int) -> bool:
+def _are(lines: NumberedLines, place: int, count: int, width: int) -> bool:
     """Whether so many lines from a place on have so many numbers each."""
     part = [words for _, words in lines[place : place + count]]
     return len(part) == count and all(
-        len(words) == width and _numbers(words) is not None for words in part
+        len(words) == width and line_numbers(words) is not None for words in part
     )
 
 
-def _matrix(lines: _Lines, place: int, count: int) -> np.ndarray:
-    return np.array([_numbers(words) for _, words in lines[place : place + count]])
-
-
-def _numbers(words: list[str]) -> list[float] | None:
-    try:
-        numbers = [float(word) for word in words]
-    except ValueError:
-        return None
-    return numbers if np.isfinite(numbers).all() else None
-
-
-def _lines(path: Path) -> _Lines:
-    """The lines that are not empty, with their numbers, in words; commas and brackets are gaps."""
-    text = read_text(path).decode("utf-8-sig", "replace").translate(str.maketrans(",;[]", "    "))
-    lines = ((number, line.split()) for number, line in enumerate(text.splitlines(), 1))
-    return [(number, words) for number, words in lines if words]
+def _matrix(lines: NumberedLines, place: int, count: int) -> np.ndarray:
+    return np.array([line_numbers(words) for _, words in lines[place : place + count]])

@@ -22,7 +22,12 @@ from gaussray.prepare.calibrations.opencv_numbers import (
     plain_value,
 )
 from gaussray.prepare.calibrations.opencv_pose import POSE_NAMES, found_pose, say_poses
-from gaussray.prepare.calibrations.projections import split_projection
+from gaussray.prepare.calibrations.projections import (
+    SkewedProjection,
+    refuse_skewed,
+    skew_cost,
+    split_projection,
+)
 from gaussray.prepare.calibrations.value_names import PROJECTION_NAMES, VALUE_NAMES, plain_key
 from gaussray.prepare.errors import PrepareError
 from gaussray.runtime.output import first_of
@@ -59,6 +64,7 @@ def plain_camera(where: object, values: Mapping[str, Any]) -> dict[str, Any]:
         values: values by key, which may be of another thing.
 
     Raises:
+        SkewedProjection: A projection has skew that cannot be left out.
         PrepareError: Two values of one meaning differ, fx fy cx cy are not complete, or a
             projection is of no camera.
     """
@@ -79,6 +85,30 @@ def plain_camera(where: object, values: Mapping[str, Any]) -> dict[str, Any]:
         projection = numbers_under(result, PROJECTION_NAMES, (12, 16))
         if projection is not None and found_pose(result) is None:
             result["K"], result["[R | t]"] = split_projection(str(where), *projection)
+    return result
+
+
+def plain_cameras(
+    cameras: Mapping[str, tuple[object, Mapping[str, Any]]],
+) -> dict[str, dict[str, Any]]:
+    """The values of several cameras (`plain_camera`) by their names. What is said of projections
+    with skew is said of all of them at once.
+
+    Args:
+        cameras: for each, the file and the camera in it, for messages, and its values.
+
+    Raises:
+        PrepareError: As `plain_camera` says.
+    """
+    result: dict[str, dict[str, Any]] = {}
+    skewed: list[tuple[str, SkewedProjection]] = []
+    for name, (where, values) in cameras.items():
+        try:
+            result[name] = plain_camera(where, values)
+        except SkewedProjection as error:
+            skewed.append((name, error))
+    if skewed:
+        refuse_skewed(skewed)
     return result
 
 
@@ -125,8 +155,9 @@ def tell_readings(where: object, cameras: Sequence[Mapping[str, Any]]) -> None:
     own = [camera for camera in cameras if not any(camera is one for one in split)]
     say_poses(where, filter(None, map(found_pose, own)))
     if split:
-        skew = max(abs(float(camera["K"][0, 1])) for camera in split)
-        left = f" Skew of at most {skew:.2g} pixels is left out." if skew > 1e-3 else ""
+        cost = max(map(_skew_cost, split))
+        left = f" Skew is left out, which costs at most {cost:.2g} pixels at the border."
+        left = left if cost > 1e-3 else ""
         say(
             f"{where}: {_projection_key(split[0])} is split into K and [R | t], with positive "
             f"focal lengths; the middle of the first pixel is at 0, 0.{left}"
@@ -154,6 +185,12 @@ def tell_few_coefficients(where: object, cameras: Iterable[Mapping[str, Any]]) -
         say(f"{where}: a single distortion coefficient is taken as k1; the others are 0.")
     if 2 in counts:
         say(f"{where}: two distortion coefficients are taken as k1 and k2; the others are 0.")
+
+
+def _skew_cost(camera: Mapping[str, Any]) -> float:
+    """Pixels that it cost to leave out the skew of a camera's projection."""
+    found = numbers_under(camera, PROJECTION_NAMES, (12, 16))
+    return 0.0 if found is None else skew_cost(found[1])
 
 
 def _projection_key(camera: Mapping[str, Any]) -> str:

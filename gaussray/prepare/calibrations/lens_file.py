@@ -12,6 +12,7 @@ from gaussray.io.safe.files import read_text
 from gaussray.prepare.calibrations.camera_values import has_matrix, tell_few_coefficients
 from gaussray.prepare.calibrations.known_camera import check_name
 from gaussray.prepare.calibrations.lens_values import camera_of_values
+from gaussray.prepare.calibrations.listed_values import NAMES_REMEDY
 from gaussray.prepare.calibrations.named_cameras import named_cameras, whole_camera
 from gaussray.prepare.calibrations.nerfstudio import frame_lens, read_nerfstudio
 from gaussray.prepare.calibrations.opencv_storage import is_storage, storage_values
@@ -119,6 +120,6 @@ def _calibrated_lenses(path: Path) -> dict[str, LensKeyValues]:
     if calibration.in_order:
         raise PrepareError(
             f"poses.lens={path}: must name its cameras, got {len(calibration.cameras)} without "
-            'names. Add a list of them beside K: "names": ["cam1", "cam2"].'
+            f"names. To mend it, {NAMES_REMEDY}."
         )
     return {camera.name: camera.lens for camera in calibration.cameras}

@@ -30,6 +30,13 @@ _EACH = tuple(
 )  # fmt: skip
 
 
+# How to name the cameras of a file that has them in an order.
+NAMES_REMEDY = (
+    'name the cameras in the file: a list "names": ["cam1", "cam2"] beside K, or, of a DLT in .txt '
+    "or .csv, a line cam1,cam2 above the columns"
+)
+
+
 def listed_cameras(path: Path, content: Any) -> Calibration | None:
     """The cameras of a file whose lists have one entry for each; None if it has no such lists.
 
@@ -81,8 +88,7 @@ def named_in_order(calibration: Calibration, names: Sequence[str]) -> Calibratio
         raise PrepareError(
             f"poses.calibration has {counted(count, 'camera')} without names, which are those of "
             f"the input in the order of their names, got {counted(len(ordered), 'camera')} there. "
-            "Give the videos, or the folders of pictures, of all of them, or add a list of names "
-            'beside K: "names": ["cam1", "cam2"].'
+            f"Give the videos, or the folders of pictures, of all of them, or {NAMES_REMEDY}."
         )
     shown = ordered if count <= 4 else [*ordered[:3], "...", ordered[-1]]
     say(

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from gaussray.prepare.calibrations.camera_values import has_matrix, plain_camera
+from gaussray.prepare.calibrations.camera_values import has_matrix, plain_camera, plain_cameras
 from gaussray.prepare.calibrations.common_values import common_values, with_common
 from gaussray.prepare.calibrations.value_names import VALUE_NAMES, plain_key
 from gaussray.prepare.errors import PrepareError
@@ -77,11 +77,15 @@ def _listed(path: Path, content: Any) -> dict[str, dict[str, Any]]:
         if is_by_value(content):
             return {}
         return _with_matrix(path, {str(name): one for name, one in content.items()})
-    blocks: dict[int, dict[str, Any]] = {}
-    for number, one in enumerate(content if isinstance(content, list) else [], 1):
-        if isinstance(one, Mapping):
-            camera = plain_camera(f"{path}, camera {_said_name(one) or number}", one)
-            blocks |= {number: camera} if has_matrix(camera) else {}
+    entries = list(enumerate(content if isinstance(content, list) else [], 1))
+    found = plain_cameras(
+        {
+            str(number): (f"{path}, camera {_said_name(one) or number}", one)
+            for number, one in entries
+            if isinstance(one, Mapping)
+        }
+    )
+    blocks = {number: camera for number, camera in found.items() if has_matrix(camera)}
     result: dict[str, dict[str, Any]] = {}
     for number, one in blocks.items():
         name = _said_name(one)
@@ -90,7 +94,7 @@ def _listed(path: Path, content: Any) -> dict[str, dict[str, Any]]:
                 f"{path}: camera {number} of the list must have a name "
                 f"({', '.join(CAMERA_NAME_KEYS)}), got none. Give each the name of its video."
             )
-        name = str(number) if name is None else name
+        name = number if name is None else name
         if name in result:
             raise PrepareError(
                 f"{path}: each camera must have a name of its own, got {name} twice. Change one."
@@ -114,11 +118,13 @@ def _by_value(path: Path, content: Any) -> dict[str, dict[str, Any]]:
 
 def _with_matrix(path: Path, blocks: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     """Those of some parts of a file that are of cameras, as `plain_camera` has them."""
-    cameras = {
-        name: plain_camera(f"{path}, camera {name}", one)
-        for name, one in blocks.items()
-        if isinstance(one, Mapping)
-    }
+    cameras = plain_cameras(
+        {
+            name: (f"{path}, camera {name}", one)
+            for name, one in blocks.items()
+            if isinstance(one, Mapping)
+        }
+    )
     return {name: one for name, one in cameras.items() if has_matrix(one)}
 
 

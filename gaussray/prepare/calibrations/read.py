@@ -16,12 +16,13 @@ from gaussray.prepare.calibrations.camera_files import (
 )
 from gaussray.prepare.calibrations.camera_text import (
     TEXT_RECIPE,
-    has_columns,
+    has_unnamed_columns,
     is_camera_text,
     text_camera,
     text_cameras,
 )
 from gaussray.prepare.calibrations.camera_values import has_matrix
+from gaussray.prepare.calibrations.dlt_facing import check_dlts
 from gaussray.prepare.calibrations.kalibr import is_chain, read_kalibr
 from gaussray.prepare.calibrations.known_camera import (
     ALL_KINDS,
@@ -52,6 +53,7 @@ from gaussray.prepare.calibrations.stereo_pair import (
     stereo_cameras,
 )
 from gaussray.prepare.calibrations.tsai import is_tsai
+from gaussray.prepare.calibrations.value_names import DLT_KEY
 from gaussray.prepare.calibrations.yaml_file import yaml_content
 from gaussray.prepare.errors import PrepareError
 from gaussray.runtime.progress import say
@@ -221,7 +223,8 @@ def _read_text(path: Path) -> Calibration:
     blocks = text_cameras(path)
     cameras = opencv_cameras(path, blocks)
     assert cameras is not None
-    if has_columns(path):
+    check_dlts(path, [one.pose for one in cameras.cameras if DLT_KEY in blocks[one.name]])
+    if has_unnamed_columns(path):
         say(f"{path}: each column has the 11 coefficients of a camera (DLT), whose twelfth is 1.")
         return dataclasses.replace(cameras, in_order=True)
     if list(blocks) == [str(i) for i in range(len(blocks))]:

@@ -24,8 +24,11 @@ VALUE_NAMES = {
     "width": ("imagewidth", "imgwidth", "framewidth", "width", "w"),
     "height": ("imageheight", "imgheight", "frameheight", "height", "h"),
 }
+# The key of a projection of any scale, a direct linear transform (DLT), that text files have.
+DLT_KEY = "P (DLT)"
 # One matrix K [R | t] from the world to pixels.
 PROJECTION_NAMES = (
+    "pdlt",
     *("p", "proj", "projection", "projections", "projectionmatrix", "projectionmatrices"),
     *("projmat", "projmats", "projmatrix", "projs", "ps", "pmat", "pmats"),
 )

@@ -59,7 +59,10 @@ def same_picture_findings(
         if sum(shown) < _SAME_TIMES * len(shown):
             continue
         if _differ(shots[a, b], files):
-            text, remedy = f"{a} and {b} show different things, but {OVER_BOTH}", WITHOUT_IT
+            text = (
+                f"{a} and {b} show different things, but {OVER_BOTH}, or a background too far away"
+            )
+            remedy = f"{WITHOUT_IT} Of a far background: move the cameras farther apart."
         else:
             text = f"{a} and {b} show the same pictures{_times(shown)}, as a video and its copy do"
             remedy = "Leave one of them out: it adds nothing to the other."

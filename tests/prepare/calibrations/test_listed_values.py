@@ -70,7 +70,9 @@ def test_other_keys_of_the_same_lists(tmp_path):
 def test_another_number_of_cameras_is_refused_unless_they_have_names(tmp_path):
     some = sources(tmp_path, 3, 7)
     calibration = read_calibration(written(tmp_path, lists()))
-    with pytest.raises(PrepareError, match="has 12 cameras without names.* got 2 cameras there"):
+    with pytest.raises(
+        PrepareError, match="has 12 cameras without names.* got 2 cameras there.* cam1,cam2 above"
+    ):
         assign_cameras(calibration, some)
     with pytest.raises(PrepareError, match="poses.lens=.* must name its cameras, got 12 without"):
         read_lenses(written(tmp_path, lists()))

@@ -1,6 +1,7 @@
 """NumPy's .npz files of projections, and projections in JSON."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -99,5 +100,21 @@ def test_two_arrays_of_one_camera_are_refused(tmp_path, others):
 
 def test_skew_says_what_a_zero_costs(tmp_path):
     skewed = MATRIX + [[0, 5.05, 0], [0, 0, 0], [0, 0, 0]]
-    with pytest.raises(PrepareError, match="if 1 pixels for each 100 rows .* a .toml"):
-        read_calibration(write(tmp_path / "a.npz", P=skewed @ POSES))
+    path = tmp_path / "a.npz"
+    with pytest.raises(PrepareError, match="if 2.4 pixels 24. rows from row 24. do not") as error:
+        read_calibration(write(path, P=skewed @ POSES))
+    # What is to be written in the place of each is the projection without skew.
+    found = re.findall(
+        r"(?:by row,|write) ((?:[-+.e\d]+ ){11}[-+e\d]+(?:\.\d+)?)", str(error.value)
+    )
+    numbers = np.array([list(map(float, one.split())) for one in found])
+    assert numbers == pytest.approx(PROJECTIONS.reshape(3, 12), rel=1e-9, abs=1e-9)
+    assert "So has camera 2 (2.4 pixels" in str(error.value)
+    check(read_calibration(write(path, P=numbers.reshape(3, 3, 4))).cameras, "012")
+
+
+def test_skew_of_less_than_a_pixel_at_the_border_is_left_out(tmp_path, capsys):
+    skewed = MATRIX + [[0, 2.0, 0], [0, 0, 0], [0, 0, 0]]  # 0.004 of the focal length
+    check(read_calibration(write(tmp_path / "a.npz", P=skewed @ POSES)).cameras, "012")
+    told = "Skew is left out, which costs at most 0.96 pixels at the border."
+    assert told in capsys.readouterr().out
