@@ -29,6 +29,11 @@ from gaussray.prepare.overlays import (
 from gaussray.prepare.panels.failures import holds_views
 from gaussray.prepare.sources import Source
 from gaussray.prepare.sparse_model import SparseModel
+from gaussray.prepare.standing_cameras import (
+    standing_by_options,
+    standing_cameras,
+    tell_standing,
+)
 from gaussray.prepare.timeline import Timeline, moving_stride, thinned_timeline
 from gaussray.prepare.triangulation import triangulate
 from gaussray.runtime.output import first_of
@@ -40,9 +45,6 @@ from gaussray.runtime.progress import say
 _KNOWN_ERROR = 8.0
 # Database of COLMAP with the features of all pictures, beside their folders.
 _FEATURES = "features.db"
-# A camera stands still if so large a share of its picture stays where it is (`staying_share`), and
-# moves if at most so small a share does; fewer features that timestamps share tell nothing.
-_STILL, _MOVING, _TELLING = 0.5, 0.2, 30
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -106,14 +108,14 @@ def find_poses(
     everyone = frozenset(source.name for source in sources)
     if known is not None:
         lenses = {(s.name, size): known[s.name].lens for s in sources for size in s.sizes}
-    still, written = _known_still(everyone, timeline, known, options), None
+    still, written = standing_by_options(everyone, timeline, known, options), None
     if still is None:
         written = _write_pictures(sources, timeline, files, everyone, work, options)
         _extract(work, written, lenses, options)
         _check_features(work / _FEATURES)
-        found = _still_cameras(work / _FEATURES, written, options)
+        found = standing_cameras(work / _FEATURES, written, options.poses.seed)
         still = found or frozenset()
-        _tell_rig(found, everyone)
+        tell_standing(found, everyone)
     if known is not None and still < everyone:
         raise PrepareError(
             "poses.calibration must be of cameras that stand still, got pictures that move. "
@@ -146,30 +148,6 @@ def _check_features(database: Path) -> None:
         raise PrepareError(missing_poses_reason(database))
 
 
-def _tell_rig(found: frozenset[str] | None, everyone: frozenset[str]) -> None:
-    """Say which cameras stand still, by their pictures, and how to say otherwise.
-
-    Args:
-        found: the cameras that stand still; None if the pictures do not tell.
-        everyone: all cameras.
-    """
-    if found is None:
-        say(
-            "The pictures of no camera share enough features to tell whether it stands still: all "
-            "are taken to move (poses.rig=still: they do not)."
-        )
-    elif found == everyone:
-        say("By their pictures, all cameras stand still (poses.rig=moving: they do not).")
-    elif not found:
-        say("By their pictures, all cameras move (poses.rig=still: they do not).")
-    else:
-        say(
-            f"By their pictures, cameras stand still ({first_of(sorted(found))}) or move "
-            f"({first_of(sorted(everyone - found))}). If only what they show moves, set "
-            "poses.rig=still."
-        )
-
-
 def _tell_stride(timeline: Timeline, moving: Sequence[str], stride: int) -> None:
     total, several = len(timeline.times), len(moving) > 1
     say(
@@ -177,20 +155,6 @@ def _tell_stride(timeline: Timeline, moving: Sequence[str], stride: int) -> None
         f"every picture needs a pose of its own: {-(-total // stride)} of {total} timestamps are "
         f"used. frames.rate={timeline.rate:.6g} takes them all."
     )
-
-
-def _known_still(
-    everyone: frozenset[str],
-    timeline: Timeline,
-    known: dict[str, KnownCamera] | None,
-    options: PrepareOptions,
-) -> frozenset[str] | None:
-    """The cameras that stand still, None if their pictures must be asked."""
-    if timeline.is_static or options.poses.rig == "moving":
-        return frozenset()
-    if options.poses.rig == "still" or known is not None or len(timeline.times) == 1:
-        return everyone
-    return None
 
 
 def _write_pictures(
@@ -244,44 +208,6 @@ def _extract(
     )
     if lenses is not None:
         features.set_lenses(database, {p.file: lenses[p.camera, p.size] for p in written})
-
-
-def _still_cameras(
-    database: Path, written: Sequence[MatchingPicture], options: PrepareOptions
-) -> frozenset[str] | None:
-    """The cameras that show their first picture again in the middle one and in the last one; None
-    if that cannot be told of any camera.
-
-    Most of the cameras decide about one whose own pictures do not: of which hardly a feature is
-    found again, as where most of a picture moves, or half of them stay.
-    """
-    shown: dict[str, list[MatchingPicture]] = {}
-    for picture in written:
-        shown.setdefault(picture.camera, []).append(picture)
-    pairs = {
-        name: [(own[0].file, other.file) for other in {own[len(own) // 2], own[-1]} - {own[0]}]
-        for name, own in shown.items()
-    }
-    features.match_features(database, sorted(sum(pairs.values(), [])), options.poses.seed)
-    keypoints = features.read_keypoints(database, written)
-    matches = features.raw_matches(database)
-    shares: dict[str, float | None] = {}
-    for name, own in pairs.items():
-        found = [
-            merging.staying_share(keypoints[a], keypoints[b], rows, shown[name][0].size)
-            for a, b in own
-            if (rows := matches.get((a, b))) is not None and len(rows) >= _TELLING
-        ]
-        shares[name] = min(found, default=None)
-    known = [share for share in shares.values() if share is not None]
-    if not known:
-        return None
-    most = 2 * sum(share >= _STILL for share in known) >= len(known)
-
-    def stands_still(share: float | None) -> bool:
-        return most if share is None or _MOVING < share < _STILL else share >= _STILL
-
-    return frozenset(name for name, share in shares.items() if stands_still(share))
 
 
 def _placed(

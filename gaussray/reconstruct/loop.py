@@ -85,7 +85,8 @@ def run_stage(
         log.record(progress, done, terms, count)
         bar.report(done, f"{psnr_from_mse(terms['mse'], least=LEAST_MSE):.2f} dB")
         # Before all times are seen, tiles of the others tell nothing.
-        told = score if loader.sees_all(stage, done, plan.first_planned) else None
+        passed = float(plan.schedule.share_at(done))
+        told = score if loader.sees_all(stage, done, passed) else None
         if plan.after_block(done, told and partial(told, state, sizes)):
             bar.change_total(plan.steps)
             progress = plan.noted(progress)
@@ -168,6 +169,8 @@ def _with_density_control(
     limit = progress.limit[0] // part, progress.limit[1] // part
     seed = session.options.fit.seed + 2 * done + (progress.stage == "fine")
     if options.relocates:
-        most = motion_budget(session, progress.moved)._asdict()
+        # Rows that the devices share evenly.
+        step, budget = 8 * session.mesh.size, motion_budget(session, progress.moved)
+        most = {kind: -(-count // step) * step for kind, count in budget._asdict().items()}
         return relocate_dead(state, options=options, limit=sum(limit), most=most, seed=seed)
     return clone_split_prune(state, options=options, extent=session.extent, limit=limit, seed=seed)

@@ -9,11 +9,11 @@ from gaussray.reconstruct.session import Session
 
 
 # Moving pixels for each transient Gaussian, and moving pixels of one time for each Gaussian that
-# all times share. Fits of what moves in much of the picture have 9 to 17, and 3 to 4; where a
+# all times share. Fits of what moves in much of the picture have 6 to 17, and 3 to 4; where a
 # person is small, the budget of the whole pictures put two of them on each pixel
 # (experiments/captures/log.md).
 _PIXELS_TRANSIENT, _PIXELS_SHARED = 4, 1
-# The least budget of each kind.
+# The least budget of each kind: a round number, which limits none of the captures in that log.
 _FEWEST = 20_000
 
 

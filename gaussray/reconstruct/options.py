@@ -181,7 +181,7 @@ class ReconstructOptions(eqx.Module):
         prune: what is removed after the last step.
         explicit_keys: full names of keys (`fit.degree`) that fit=auto leaves as they are although
             they have their default; all that differ from it stay in any case. The command line
-            fills it.
+            fills it; fit=auto adds what it finds set and the pictures might change.
     """
 
     fit: FitOptions = eqx.field(default_factory=FitOptions)

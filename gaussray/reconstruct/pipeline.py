@@ -145,6 +145,8 @@ def _fit_segments(
         session = Session(plan.capture, log, plan.options, quiet, devices, times, shared=shared)
         tell(session.equalization.sentence if session.equalization else "", quiet)
         state, progress = fitted_state(session, state, progress)
+        # What follows may fail or be killed as well.
+        log.save(state, progress)
         scene, report = pruned_segment(session, state, progress, devices)
         report |= {"trial": plan.scores} if plan.scores else {}
         demand_success(scene, report, plan.capture, plan.options.fit.start)

@@ -34,7 +34,6 @@ from gaussray.reconstruct.simplify.tile_views import TrainingViews
 from gaussray.reconstruct.start import continued_state, initial_state
 from gaussray.reconstruct.work_ahead import work_ahead
 from gaussray.runtime.errors import FitError
-from gaussray.runtime.resource_errors import is_memory
 from gaussray.scene.deformation import Deformation
 from gaussray.scene.scene import Scene
 from gaussray.tracer.shard import mesh
@@ -94,7 +93,7 @@ def pruned_segment(
         devices: how many devices measure; None for all.
 
     Raises:
-        FitError: pruning failed; the fit is kept in the checkpoint.
+        FitError: pruning failed; the fit is in the checkpoint.
     """
     scene, unmet = session.scene(state, progress)
     if session.backdrop is not None:
@@ -110,16 +109,13 @@ def pruned_segment(
             unmet=unmet,
             report=session.progress_report("prune"),
         )
-    except Exception as error:
-        # Whatever it is, the fit is whole.
-        session.log.save(state, progress)
-        if not session.options.prune.loss or is_memory(error):
+    except (ValueError, TypeError, ArithmeticError, LookupError) as error:
+        if not session.options.prune.loss:
             raise
         why = str(error).rstrip(". ") or type(error).__name__
         raise FitError(
-            f"pruning failed: {why}. The fit is kept in {session.log.checkpoint}: resumed "
-            "(resume=true) with prune.loss=0, it is saved unpruned. GAUSSRAY_TRACEBACK=1 shows "
-            "what failed."
+            f"pruning failed: {why}. The fit is in {session.log.checkpoint}: resumed (resume=true) "
+            "with prune.loss=0, it is saved unpruned. GAUSSRAY_TRACEBACK=1 shows what failed."
         ) from error
     if session.equalization is not None:
         scene = replace(scene, light=session.equalization.light)

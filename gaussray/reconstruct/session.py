@@ -27,6 +27,7 @@ from gaussray.reconstruct.data.training_pictures import training_pictures
 from gaussray.reconstruct.initialize.appearance import Shown
 from gaussray.reconstruct.initialize.initializer import InitialPoints, initial_points
 from gaussray.reconstruct.log import RunLog
+from gaussray.reconstruct.optimize.density import DensityOptions
 from gaussray.reconstruct.optimize.optimizer import scene_of, transients_of
 from gaussray.reconstruct.optimize.rows import occupied, take_rows
 from gaussray.reconstruct.optimize.state import State
@@ -114,10 +115,7 @@ class Session:
                 self.shared.once(sentence, lambda: say(sentence))
             # What stands before it is all that there is.
             options = eqx.tree_at(lambda o: o.fit, options, replace(options.fit, surround=0.0))
-        if options.fit.auto and "density.opacity_cost" not in options.explicit_keys:
-            cost = cost_at_contrast(options.density.opacity_cost, contrast_of(self.footage))
-            density = replace(options.density, opacity_cost=cost)
-            options = eqx.tree_at(lambda o: o.density, options, density)
+        options = self._with_cost_at_contrast(options)
         self.options = _with_tile_levels(options, self.footage)
         every = self.footage.camera if len(part.views) == len(views) else stacked(views)
         names, owner = np.unique([view.camera_name for view in views], return_inverse=True)
@@ -146,6 +144,22 @@ class Session:
         )
         self.times = self.loader.sampler.times
         self.mesh = mesh_of_hosts(devices)
+
+    def _with_cost_at_contrast(self, options: ReconstructOptions) -> ReconstructOptions:
+        """The options with the cost of opacity that suits the contrast of the pictures, where
+        fit.auto has raised it."""
+        density = options.density
+        chosen = options.fit.auto and "density.opacity_cost" not in options.explicit_keys
+        if not chosen or density.opacity_cost <= DensityOptions().opacity_cost:
+            return options
+        cost = cost_at_contrast(density.opacity_cost, contrast_of(self.footage))
+        if cost < density.opacity_cost and not self.quiet and not self.is_continuation:
+            sentence = (
+                "The pictures are dark or plain: opacity costs "
+                f"{cost:.2g} instead of {density.opacity_cost:.2g} (density.opacity_cost)."
+            )
+            self.shared.once(sentence, lambda: say(sentence))
+        return eqx.tree_at(lambda o: o.density, options, replace(density, opacity_cost=cost))
 
     def _window(self) -> GrowingWindow | None:
         """The times that steps see at first: the first one, or, where control points begin at rest,
@@ -176,7 +190,7 @@ class Session:
         seen, window = self.footage, self.loader.window
         if self.at_rest and window is not None:
             # At other times, things are elsewhere.
-            times = self.times[window.among(self.times, "coarse", 0, 0)]
+            times = self.times[window.among(self.times, "coarse", 0, 0.0)]
             seen = seen.part(np.flatnonzero(np.isin(seen.times, times)))
         return self.shared.once(
             ("points", *self.points_key),

@@ -50,12 +50,6 @@ class StepPlan:
         """The length of the stage."""
         return int(self.schedule.steps)
 
-    @property
-    def first_planned(self) -> int:
-        """The steps over whose first part the window of times grows: all, or those before the plan
-        was made anew, after which all times are seen."""
-        return int(self.schedule.begin) or self.steps
-
     def after_block(self, done: int, score: Callable[[], float] | None = None) -> bool:
         """Whether the plan has changed after a block.
 

@@ -108,7 +108,7 @@ def run_block(session: Session, state: State) -> None:
         state: a state of any numbers.
     """
     fit = session.options.fit
-    batches = session.loader.batches("fine", 0, fit.block, fit.block)
+    batches = session.loader.batches("fine", 0, fit.block, 0.0)
     sizes = first_sizes(session, state, batches)
     schedule = step_schedule(StageSchedule(fit.block), fit.seed)
     known = (from_primary(state), session.footage.camera, batches, session.cameras, schedule)

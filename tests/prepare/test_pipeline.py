@@ -23,9 +23,10 @@ from gaussray.capture.errors import CaptureWarning
 from gaussray.capture.open import open_capture
 from gaussray.dataset.images import write_image
 from gaussray.geometry import BLENDER_AXES
-from gaussray.prepare import features, pipeline, poses, prepare_capture
+from gaussray.prepare import features, pipeline, prepare_capture
 from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.options import FramesOptions, PosesOptions, PrepareOptions, SyncOptions
+from gaussray.prepare.standing_cameras import standing_cameras, tell_standing
 from gaussray.report import write_page
 
 
@@ -395,11 +396,11 @@ def test_cameras_that_share_no_feature_are_not_said_to_move(tmp_path, monkeypatc
     monkeypatch.setattr(features, "match_features", lambda *_: None)
     monkeypatch.setattr(features, "read_keypoints", lambda *_: {})
     monkeypatch.setattr(features, "raw_matches", lambda *_: {})
-    assert poses._still_cameras(tmp_path, pictures, PrepareOptions()) is None
+    assert standing_cameras(tmp_path, pictures, 0) is None
     everyone = frozenset("ab")
-    poses._tell_rig(None, everyone)
+    tell_standing(None, everyone)
     assert "taken to move (poses.rig=still" in capsys.readouterr().out
-    poses._tell_rig(frozenset("a"), everyone)
+    tell_standing(frozenset("a"), everyone)
     assert "stand still (a) or move (b)" in capsys.readouterr().out
 
 

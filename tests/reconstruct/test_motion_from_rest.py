@@ -100,7 +100,7 @@ def test_all_times_are_seen_in_the_last_steps_also_of_a_plan_that_is_cut(capture
             break
     assert len(width) == (5 if cut else 10)
     grown = 6 * len(loader.sampler.times)
-    seen = [loader.sees_all("fine", done, 10 * grown) for done in (0, grown - 10, grown)]
+    seen = [loader.sees_all("fine", n, n / (10 * grown)) for n in (0, grown - 10, grown)]
     assert seen == [False, False, True]
     # At first half of the times; in the end all, of which 20 steps draw some.
     assert width[0] <= 0.5 and width[-1] > 0.7
@@ -110,7 +110,8 @@ def test_a_plan_that_is_made_anew_sees_all_times_from_then_on(capture, tmp_path)
     log = RunLog(tmp_path, resume=False, interval=0.0)
     loader = Session(capture, log, replace(toy.SHORT, fit=FIT), quiet=True).loader
     # So short that its share decides when all times are seen.
-    plan = StepPlan(StageSchedule(20))
-    assert not loader.sees_all("fine", 11, plan.first_planned)
-    plan.schedule = StageSchedule(1000, 11, 0.6)
-    assert plan.steps == 1000 and loader.sees_all("fine", 11, plan.first_planned)
+    assert not loader.sees_all("fine", 11, StageSchedule(20).share_at(11))
+    assert loader.sees_all("fine", 12, StageSchedule(20).share_at(12))
+    again = StageSchedule(1000, 12, 0.6)
+    assert loader.sees_all("fine", 12, again.share_at(12))
+    assert loader.sees_all("fine", 13, again.share_at(13))

@@ -29,7 +29,7 @@ def test_a_plain_backdrop_is_told_once(tmp_path, capsys):
     assert capsys.readouterr().out.count("border is black: that is taken as a plain backdrop") == 1
 
 
-def test_opacity_costs_less_for_dark_pictures(tmp_path):
+def test_opacity_costs_less_for_dark_pictures(tmp_path, capsys):
     capture = read_capture(toy.write_capture(tmp_path / "in", toy.scene(speed=0), times=(0.0,)))
     log = RunLog(tmp_path / "out", resume=False, interval=0.0)
     chosen = replace(toy.SHORT, density=replace(toy.SHORT.density, opacity_cost=0.1))
@@ -39,6 +39,8 @@ def test_opacity_costs_less_for_dark_pictures(tmp_path):
         picture[:4] = 51
         write_image(view.image, picture)
     found = Session(capture, log, options, True).options.density
+    Session(capture, log, options, False)
+    assert "opacity costs 0.03 instead of 0.1 (density" in capsys.readouterr().out
     # A quarter of the pixels differs by a fifth, a third of the usual contrast.
     assert found.opacity_cost == pytest.approx(0.1 * 0.3)
     assert replace(found, opacity_cost=0.1) == options.density

@@ -28,7 +28,6 @@ from gaussray.reconstruct.auto.presets import (
 )
 from gaussray.reconstruct.data.segments import training_views
 from gaussray.reconstruct.data.still_cameras import one_at_a_time
-from gaussray.reconstruct.optimize.density import DensityOptions
 from gaussray.reconstruct.options import FitOptions, ReconstructOptions
 from gaussray.runtime.output import counted
 
@@ -42,7 +41,8 @@ MOTION_NOUNS = {
 }
 
 
-# Seconds within which the cameras of a rig take one shot: between two pictures of a slow video.
+# Pictures of a rig taken within so many seconds, one by each camera, are of one moment: as long as
+# from one picture to the next of a video of 10 a second.
 _ONE_SHOT = 0.1
 
 
@@ -70,7 +70,7 @@ def auto_choice(capture: Capture, options: ReconstructOptions, machine: Machine)
         return AutoChoice(capture, options, "")
     views = training_views(capture)
     alike = len({view.time for view in views}) == 1
-    if options.fit.tiles != FitOptions().tiles or "fit.tiles" in options.explicit_keys:
+    if _is_set(options, "fit.tiles"):
         # Several GPUs share these tiles: each has fewer, and the rates are those of one.
         machine = machine._replace(gpus=1)
     names = ("none",) if alike else motions(capture, options, machine)
@@ -92,13 +92,11 @@ def auto_choice(capture: Capture, options: ReconstructOptions, machine: Machine)
     else:
         chosen = transient_preset(pixels, minutes, machine, names[0])
     chosen = for_few_viewpoints(chosen, len(set(viewpoints(views))), machine)
-    if options.density.opacity_cost != DensityOptions().opacity_cost:
+    if _is_set(options, "density.opacity_cost"):
         # The pictures, which are read later, do not change what is set.
         explicit = (*options.explicit_keys, "density.opacity_cost")
         options = replace(options, explicit_keys=explicit)
-    steps = options.fit.coarse, options.fit.fine
-    given = not {"fit.coarse", "fit.fine"}.isdisjoint(options.explicit_keys)
-    given |= steps != (FitOptions().coarse, FitOptions().fine)
+    given = _is_set(options, "fit.coarse") or _is_set(options, "fit.fine")
     options = with_defaults(options, chosen)
     if given or not chosen.fit.minutes:
         options = replace(options, fit=replace(options.fit, minutes=0.0))
@@ -106,6 +104,13 @@ def auto_choice(capture: Capture, options: ReconstructOptions, machine: Machine)
     long = options.fit.minutes > 0 or options.fit.fine >= machine.trial_steps(names[0])
     candidates = names if len(names) > 1 and long else ()
     return AutoChoice(capture, options, _sentence(options, views, scale, still), candidates, scale)
+
+
+def _is_set(options: ReconstructOptions, key: str) -> bool:
+    """Whether a value was set: it differs from its default, or is among `explicit_keys`."""
+    part, name = key.split(".")
+    value, default = (getattr(getattr(o, part), name) for o in (options, ReconstructOptions()))
+    return value != default or key in options.explicit_keys
 
 
 def _pixels(views: Sequence[View]) -> float:

@@ -7,11 +7,11 @@ from gaussray.reconstruct.data.pictures import Footage
 from gaussray.reconstruct.optimize.density import DensityOptions
 
 
-# Contrast of the captures on which costs of opacity were chosen: 0.15 to 0.22
-# (experiments/captures/log.md).
+# From this contrast on opacity costs what it does in daylight: the contrast of the demo. Four other
+# captures in daylight have 0.10 to 0.22 (experiments/captures/log.md).
 _USUAL = 0.15
-# Pictures that are looked at, and of their pixels at most so many.
-_LOOKED_AT, _PIXELS = 32, 500_000
+# Pictures that are looked at, and tiles of each, at most.
+_LOOKED_AT, _TILES = 32, 64
 
 
 def contrast_of(footage: Footage) -> float:
@@ -21,12 +21,14 @@ def contrast_of(footage: Footage) -> float:
     Args:
         footage: the training pictures; pixels that are masked do not count.
     """
-    chosen = spread_indices(len(footage.times), _LOOKED_AT)
-    pixel, visible = footage.pixel[chosen], footage.visible(chosen)
+    # A part alone, as the pictures may lie in a file.
+    frames = spread_indices(len(footage.times), _LOOKED_AT)[:, None]
+    tiles = spread_indices(footage.pixel.shape[1], _TILES)
+    pixel, visible = footage.pixel[frames, tiles], footage.visible(frames, tiles)
     pixel = pixel.reshape(-1, 3) if visible is None else pixel[visible]
     if not len(pixel):
         return 0.0
-    some = pixel[:: -(-len(pixel) // _PIXELS)].astype(np.float32) / footage.scale
+    some = pixel.astype(np.float32) / footage.scale
     # Lamps of an HDR picture, far brighter than white, are white here; what is no number is black.
     some = np.clip(np.nan_to_num(some, posinf=1.0), 0, 1)
     return float(np.abs(some - np.median(some, axis=0)).mean())
@@ -43,6 +45,6 @@ def cost_at_contrast(cost: float, contrast: float) -> float:
         cost: what it costs at usual contrast, `density.opacity_cost`.
         contrast: `contrast_of` the training pictures.
     """
-    # Rounded, as steps are compiled for each value anew; the segments of a clip share one.
+    # Rounded, as steps are compiled for each value anew.
     share = round(min(contrast / _USUAL, 1.0), 1)
     return max(share * cost, min(cost, DensityOptions().opacity_cost))

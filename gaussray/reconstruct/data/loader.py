@@ -35,7 +35,7 @@ class GrowingWindow(NamedTuple):
     steps_each: int = 6
 
     def among(
-        self, times: Float[np.ndarray, " instants"], stage: str, done: int, planned: int
+        self, times: Float[np.ndarray, " instants"], stage: str, done: int, passed: float
     ) -> Int[np.ndarray, " seen"]:
         """Which of the times a step may see.
 
@@ -43,12 +43,14 @@ class GrowingWindow(NamedTuple):
             times: all times, increasing.
             stage: coarse or fine.
             done: steps of the stage before this one.
-            planned: steps of the stage.
+            passed: share of the stage that is done.
         """
         share = self.share
         if stage == "fine":
-            grown = min(self.grown * planned, self.steps_each * len(times))
-            share = 1.0 if done >= grown else share + (1 - share) * done / grown
+            part = 1.0
+            if self.grown:
+                part = max(passed / self.grown, done / (self.steps_each * len(times)))
+            share += (1 - share) * min(part, 1.0)
         away = np.abs(times - self.anchor)
         least = np.sort(away)[min(self.least, len(times)) - 1]
         return np.flatnonzero(away <= max(share * away.max(), least))
@@ -98,19 +100,19 @@ class Loader:
             errors=self.errors,
         )
 
-    def batches(self, stage: str, done: int, size: int, planned: int = 0) -> Batch:
+    def batches(self, stage: str, done: int, size: int, passed: float = 1.0) -> Batch:
         """The tiles of a block of steps.
 
         Args:
             stage: coarse or fine.
             done: steps of the stage before the block; also seeds the draw.
             size: steps of the block.
-            planned: steps of the stage, which decide how far the window is; 0: it has grown.
+            passed: share of the stage that is done, which decides how far the window is.
         """
         dice = np.random.default_rng([self.seed, stage == "fine", done])
         among = self.sampler.instants
         if self.window is not None:
-            among = among[self.window.among(self.sampler.times[among], stage, done, planned)]
+            among = among[self.window.among(self.sampler.times[among], stage, done, passed)]
         instant = among[dice.integers(len(among), size=size)]
         frame, tile = self.sampler.draw(instant, dice)
         time = self.sampler.times[instant].astype(self.footage.times.dtype)
@@ -132,7 +134,7 @@ class Loader:
         steps = plan.most
 
         def drawn(at: int) -> Batch:
-            return self.batches(stage, at, sizes[at], plan.first_planned)
+            return self.batches(stage, at, sizes[at], float(plan.schedule.share_at(at)))
 
         sizes = {at: min(block, steps - at) for at in range(done, steps, block)}
         ahead = None
@@ -149,18 +151,18 @@ class Loader:
                     ahead = thread.submit(drawn, after)
                 yield at, batches
 
-    def sees_all(self, stage: str, done: int, planned: int) -> bool:
+    def sees_all(self, stage: str, done: int, passed: float) -> bool:
         """Whether steps see all times.
 
         Args:
             stage: coarse or fine.
             done: steps of the stage before them.
-            planned: steps of the stage.
+            passed: share of the stage that is done.
         """
         times = self.sampler.times
         if self.window is None:
             return True
-        return len(self.window.among(times, stage, done, planned)) == len(times)
+        return len(self.window.among(times, stage, done, passed)) == len(times)
 
     def note_errors(self, batches: Batch, error: np.ndarray) -> None:
         """Note the errors of a block's tiles; they count from the next block but one on.

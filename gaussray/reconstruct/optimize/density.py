@@ -22,8 +22,6 @@ from gaussray.scene.gaussians import Unconstrained
 DENSITY_KINDS = ("split", "relocate")
 # Share of a kind's rows from which on they are doubled where Gaussians are relocated.
 _NEARLY_FULL = 0.9
-# Rows of a kind that may not be doubled are a multiple of this, so that devices share them evenly.
-_STEP = 64
 
 
 class DensityOptions(eqx.Module):
@@ -162,7 +160,7 @@ def relocate_dead(
         rows, room = len(fresh), limit - sum(held) + own
         wanted = 2 * rows
         if kind in most:
-            wanted = min(wanted, -(-most[kind] // _STEP) * _STEP)
+            wanted = min(wanted, most[kind])
         if own > _NEARLY_FULL * rows and rows < min(room, wanted):
             rows = wanted
             gaussians = with_rows(gaussians, rows)

@@ -157,36 +157,36 @@ def test_errors_are_kept_and_restored_with_what_was_told_last():
 @pytest.mark.parametrize("times", [np.linspace(0, 1, 101), np.linspace(-3, 9, 101)])
 def test_the_window_grows_from_the_middle_to_both_ends(times):
     window = GrowingWindow((times[0] + times[-1]) / 2, 0.2, least=4, grown=0.6)
-    first = window.among(times, "fine", 0, 100)
+    first = window.among(times, "fine", 0, 0.0)
     np.testing.assert_array_equal(first, np.arange(40, 61))
-    np.testing.assert_array_equal(first, window.among(times, "coarse", 90, 100))
+    np.testing.assert_array_equal(first, window.among(times, "coarse", 90, 0.9))
     # Half of the way to 0.6 of the stage: half of the rest is seen.
-    np.testing.assert_array_equal(window.among(times, "fine", 30, 100), np.arange(20, 81))
+    np.testing.assert_array_equal(window.among(times, "fine", 30, 0.3), np.arange(20, 81))
     for done in (60, 90, 200):
-        assert len(window.among(times, "fine", done, 100)) == 101
+        assert len(window.among(times, "fine", done, done / 100)) == 101
 
 
 def test_a_long_stage_sees_all_times_after_some_steps_for_each():
     times = np.linspace(0, 1, 101)
     window = GrowingWindow(0.5, 0.2, grown=0.6, steps_each=4)
-    np.testing.assert_array_equal(window.among(times, "fine", 202, 10000), np.arange(20, 81))
-    assert len(window.among(times, "fine", 404, 10000)) == 101
+    np.testing.assert_array_equal(window.among(times, "fine", 202, 0.0202), np.arange(20, 81))
+    assert len(window.among(times, "fine", 404, 0.0404)) == 101
 
 
 def test_a_window_that_begins_at_the_first_time_grows_to_the_last():
     window, times = GrowingWindow(0.0, 0.1, least=1, grown=1.0), np.linspace(0, 1, 11)
-    np.testing.assert_array_equal(window.among(times, "fine", 0, 100), [0, 1])
-    assert len(window.among(times, "fine", 11, 11)) == 11
+    np.testing.assert_array_equal(window.among(times, "fine", 0, 0.0), [0, 1])
+    assert len(window.among(times, "fine", 11, 1.0)) == 11
 
 
 def test_the_first_time_alone_is_a_window_of_the_coarse_stage():
     window, times = GrowingWindow(0.0), np.linspace(0, 1, 11)
-    np.testing.assert_array_equal(window.among(times, "coarse", 7, 10), [0])
-    assert len(window.among(times, "fine", 0, 100)) == 11
+    np.testing.assert_array_equal(window.among(times, "coarse", 7, 0.7), [0])
+    assert len(window.among(times, "fine", 0, 0.0)) == 11
 
 
 def test_a_window_holds_some_times_however_few_there_are():
     uneven = np.array([0.0, 0.1, 0.2, 0.3, 1.0])
-    assert len(GrowingWindow(0.5, 0.0, least=3).among(uneven, "coarse", 0, 10)) >= 3
-    assert len(GrowingWindow(0.5, 0.0, least=12).among(uneven, "coarse", 0, 10)) == 5
-    assert len(GrowingWindow(0.5, 1.0).among(uneven, "coarse", 0, 10)) == 5
+    assert len(GrowingWindow(0.5, 0.0, least=3).among(uneven, "coarse", 0, 0.0)) >= 3
+    assert len(GrowingWindow(0.5, 0.0, least=12).among(uneven, "coarse", 0, 0.0)) == 5
+    assert len(GrowingWindow(0.5, 1.0).among(uneven, "coarse", 0, 0.0)) == 5

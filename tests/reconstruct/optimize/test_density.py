@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import toy
 
-from gaussray.reconstruct.optimize import density
 from gaussray.reconstruct.optimize.density import (
     DensityOptions,
     clone_split_prune,
@@ -181,8 +180,7 @@ def test_rows_that_are_nearly_full_are_doubled_while_there_is_budget_left(monkey
     np.testing.assert_array_equal(after.adam.mu.static.mean[:, 0], [1] * 4 + [0] * 4)
     assert after.static_statistic.total.shape == (8,)
     # As far as there may be so many of the kind.
-    monkeypatch.setattr(density, "_STEP", 3)
-    for most, rows in ((3, 4), (4, 6), (5, 6), (90, 8)):
+    for most, rows in ((3, 4), (5, 5), (6, 6), (90, 8)):
         few = {"static": most}
         held = relocate_dead(state, options=options, limit=12, seed=0, most=few)
         assert len(held.parameters.static.mean) == rows

@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 import toy
 
-from gaussray.capture.formats.paired import read_capture
 from gaussray.color import srgb_encode
 from gaussray.evaluate.metrics import psnr
-from gaussray.reconstruct.data.pictures import footage
 from gaussray.reconstruct.simplify.candidate import whole_candidate
 from gaussray.reconstruct.simplify.candidate_meter import CandidateMeter, Tracing
 from gaussray.reconstruct.simplify.tile_views import TrainingViews, tile_views
@@ -24,20 +22,6 @@ from gaussray.tracer.shard import mesh
 TRACE = toy.SHORT.trace
 # Rays end where 1 % of their light is left, and their sums are of single precision.
 REST, CLOSE = 0.01, 1e-4
-
-
-@pytest.fixture(scope="module")
-def seen(tmp_path_factory):
-    """Training pictures of the toy scene."""
-    capture = read_capture(toy.write_capture(tmp_path_factory.mktemp("capture"), toy.scene()))
-    views = [view for view in capture.views if view.split == "train"]
-    return footage(views, side=TRACE.bundle)
-
-
-@pytest.fixture(scope="module")
-def whole(seen):
-    """All tiles of three instants, as they fall to them."""
-    return tile_views(TrainingViews(seen, seen.camera), tiles=4, instants=3, weigh=12, seed=0)
 
 
 def test_what_all_gaussians_add_is_what_they_cover(seen, whole):
