@@ -1,37 +1,34 @@
 """Whether a calibration has the cameras of enough videos."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
-from gaussray.prepare.calibrations.known_camera import Calibration
-from gaussray.prepare.calibrations.like_names import like_name
 from gaussray.prepare.errors import PrepareError
-from gaussray.prepare.findings.listed_names import listed_names
-from gaussray.prepare.sources import Source
+from gaussray.runtime.output import listed_names
 
 
-def check_calibrated_cameras(calibration: Calibration, sources: Sequence[Source]) -> None:
+def check_calibrated_cameras(
+    names: Sequence[str], absent: Sequence[str], left_out: Mapping[str, str]
+) -> None:
     """Refuse a single calibrated camera: points are seen by two.
 
     Args:
-        calibration: the cameras of the file.
-        sources: cameras of the input that have a pose.
+        names: cameras of the input that have a pose.
+        absent: cameras of the calibration, with a pose, that the input has no video of.
+        left_out: for each camera without a pose what the calibration lacks (`Calibration`).
     """
-    if len(sources) > 1:
+    if len(names) > 1:
         return
-    names = [camera.name for camera in calibration.cameras]
-    used = {like_name(names, source.name) for source in sources}
-    absent = [name for name in names if name not in used]
     others = ""
     if absent:
-        listed = listed_names(absent)
         others = (
-            f"Add the videos of the other cameras of the calibration, which have none: {listed}. "
+            "Add the videos of the other cameras of the calibration, which have none: "
+            f"{listed_names(absent)}. "
         )
-    for name, reason in calibration.left_out.items():
-        others += f"{name} does not count, because {reason}. "
+    for name, reason in left_out.items():
+        others += f"{name} does not count, because it {reason}. "
     raise PrepareError(
         f"poses.calibration must be of at least two cameras with a video, got "
-        f"{sources[0].name} alone: one camera that stands still tells no depth. {others}If this "
+        f"{names[0]} alone: one camera that stands still tells no depth. {others}If this "
         "camera moves, leave poses.calibration out (poses.rig=moving says that it does, and "
         "poses.lens=FILE tells its lens)."
     )

@@ -85,7 +85,8 @@ def copy_masks(
     alone = alone and not any(source.is_video for source in sources)
     plans = _planned(sources, timeline, files, video_masks, alone, ours)
     wrong = _write_masks(sources, plans, video_masks, home, ours)
-    count, found = len(plans), sum(plan.mask is not None for plan in plans) - len(wrong)
+    masks = [plan.mask for own in plans.values() for plan in own]
+    count, found = len(masks), sum(mask is not None for mask in masks) - len(wrong)
     if found:
         say(f"{found} of {count} pictures have a mask, whose white pixels count in the fit.")
     if wrong:
@@ -108,8 +109,8 @@ def _planned(
     video_masks: Mapping[str, Path | None],
     alone: bool,
     ours: Collection[Path],
-) -> list[_Planned]:
-    """Every picture of a capture and its mask; nothing is changed yet.
+) -> dict[str, list[_Planned]]:
+    """The pictures of each camera in a capture and their masks; nothing is changed yet.
 
     Args:
         sources: the cameras.
@@ -120,8 +121,9 @@ def _planned(
         ours: masks that an earlier run has written.
     """
     marked = functools.cache(marked_masks)
-    plans: list[_Planned] = []
+    plans: dict[str, list[_Planned]] = {}
     for source in sources:
+        own = plans[source.name] = []
         frames = timeline.frames[source.name].tolist()
         for i, copy in zip(frames, files[source.name], strict=True):
             target = written_mask(copy)
@@ -130,13 +132,13 @@ def _planned(
                 if source.is_video
                 else mask_of(source.pictures[i], alone=alone, marked=marked, ours=ours)
             )
-            plans.append(_Planned(source, i, copy, target, _kept(mask, target, ours)))
+            own.append(_Planned(source, i, copy, target, _kept(mask, target, ours)))
     return plans
 
 
 def _write_masks(
     sources: Sequence[Source],
-    plans: Sequence[_Planned],
+    plans: Mapping[str, Sequence[_Planned]],
     video_masks: Mapping[str, Path | None],
     home: Path,
     ours: frozenset[Path],
@@ -145,7 +147,7 @@ def _write_masks(
 
     Args:
         sources: the cameras.
-        plans: their pictures, all of which are known before anything is changed.
+        plans: the pictures of each, all of which are known before anything is changed.
         video_masks: the masks of each camera that is a video.
         home: the capture's folder of masks.
         ours: masks that an earlier run has written; no others are removed.
@@ -153,13 +155,12 @@ def _write_masks(
     Returns:
         The photographs whose mask has another size, which is left out.
     """
-    written = {plan.target.resolve() for plan in plans if plan.is_new}
+    written = {plan.target.resolve() for own in plans.values() for plan in own if plan.is_new}
     if written:
         record_masks(home, ours | written)
     wrong: list[_Planned] = []
     for source in sources:
-        own = [plan for plan in plans if plan.source is source]
-        masks = video_masks.get(source.name)
+        own, masks = plans[source.name], video_masks.get(source.name)
         if masks is not None:
             write_video_masks(source, masks, {plan.frame: plan.target for plan in own})
         elif not source.is_video:

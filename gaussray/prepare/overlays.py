@@ -23,8 +23,7 @@ _MOST = 0.5
 # that as many matches all over the picture would lie in. A background too far away to move lies in
 # more.
 _CELLS, _SMALL = 16, 0.5
-# What a drawing does with pictures of several cameras, and what to do about it.
-OVER_BOTH = "what they share lies in the same place in both: a logo or a counter drawn over them"
+# What to do about a drawing.
 WITHOUT_IT = "Mask it (masks and poses.masks=true, docs/prepare.md) or cut it off."
 
 
@@ -42,16 +41,34 @@ class PictureOverlay(NamedTuple):
     total: int
 
     @property
+    def links_cameras(self) -> bool:
+        """Whether the matches are of two cameras, and not of one alone."""
+        return self.cameras[0] != self.cameras[1]
+
+    @property
     def text(self) -> str:
         """What was found, in a sentence without its period."""
-        first, second = self.cameras
         share = f"{self.same} of {self.total} matches"
-        if first != second:
-            return f"{first} and {second} show different things, but {OVER_BOTH} ({share})"
+        if self.links_cameras:
+            return f"{drawn_over_both(*self.cameras)} ({share})"
         return (
-            f"{first}: the pictures differ, but what they share lies in the same place in each: a "
-            f"logo or a counter drawn over them, or a background that stands still ({share})"
+            f"{self.cameras[0]}: the pictures differ, but what they share lies in the same place "
+            "in each: a logo or a counter drawn over them, or a background that stands still "
+            f"({share})"
         )
+
+
+def drawn_over_both(first: str, second: str) -> str:
+    """What links two cameras by a drawing, in a sentence without its period.
+
+    Args:
+        first: name of one camera.
+        second: name of the other.
+    """
+    return (
+        f"{first} and {second} show different things, but what they share lies in the same place "
+        "in both: a logo or a counter drawn over them"
+    )
 
 
 def at_same_place(
@@ -138,7 +155,7 @@ def check_overlays(
         database: COLMAP database with the verified matches that are left.
         pictures: pictures by file.
     """
-    several = [one for one in overlays if len(set(one.cameras)) > 1]
+    several = [one for one in overlays if one.links_cameras]
     if not several:
         return ""
     best = max(

@@ -130,10 +130,10 @@ def _calibrated(
         return sources, None, []
     calibration = read_calibration(options.poses.calibration)
     sources = stills_by_camera(calibration, sources)
-    known, remarks = assign_cameras(calibration, sources)
+    known, remarks, absent = assign_cameras(calibration, sources)
     # Of a camera without a pose the video is left out.
     sources = [source for source in sources if source.name in known]
-    check_calibrated_cameras(calibration, sources)
+    check_calibrated_cameras(list(known), absent, calibration.left_out)
     return sources, known, remarks
 
 

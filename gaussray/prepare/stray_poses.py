@@ -8,10 +8,9 @@ from jaxtyping import Bool
 
 from gaussray.prepare.contradictions import SURE, contradicted_pictures, strong_pairs
 from gaussray.prepare.findings.finding import Finding
-from gaussray.prepare.placed_cameras import picture_name
+from gaussray.prepare.findings.listed_pictures import listed_pictures
 from gaussray.prepare.poses import Placement
 from gaussray.prepare.sparse_model import camera_centres, kept_pictures, observations_by_picture
-from gaussray.runtime.output import first_of
 
 
 # Fewest observations of a picture of a camera that does not stand still: COLMAP gives a pose from
@@ -52,13 +51,9 @@ def without_strays(placement: Placement) -> tuple[Placement, list[Finding]]:
         (few & ~far, f"fewer than {_FEWEST} observations"),
         (contradicted, _distances_text(off)),
     ):
-        names = [
-            picture_name(picture, placement)
-            for picture, stray in zip(pictures, wrong, strict=True)
-            if stray
-        ]
-        if names:
-            reasons.append(f"{first_of(names, 8)} ({reason})")
+        strays = [picture for picture, stray in zip(pictures, wrong, strict=True) if stray]
+        if strays:
+            reasons.append(f"{listed_pictures(strays, placement)} ({reason})")
     finding = Finding(
         "warn",
         "cameras",

@@ -5,6 +5,10 @@ from collections.abc import Sequence
 from typing import Any
 
 
+# Names and ranges that are told, at most; and fewest neighbours that make a range.
+_TOLD, _RANGE = 8, 3
+
+
 def emit(text: str, stream: Any) -> None:
     """Write text to a stream at once.
 
@@ -31,6 +35,29 @@ def first_of(names: Sequence[str], most: int = 3) -> str:
         most: how many are told.
     """
     return ", ".join(names[:most]) + " ..." * (len(names) > most)
+
+
+def listed_names(names: Sequence[str], everyone: Sequence[str] = ()) -> str:
+    """Names as in `a1 to a5, b2 and 7 others`.
+
+    Args:
+        names: those that are told, in order.
+        everyone: all names in order, in which neighbours follow each other; none makes no ranges.
+    """
+    place = {name: k for k, name in enumerate(everyone)}
+    runs: list[list[str]] = []
+    for name in names:
+        if runs and name in place and place[name] - 1 == place.get(runs[-1][-1]):
+            runs[-1].append(name)
+        else:
+            runs.append([name])
+    parts = [
+        part for run in runs for part in ([run] if len(run) >= _RANGE else [[name] for name in run])
+    ]
+    told = [part[0] if len(part) == 1 else f"{part[0]} to {part[-1]}" for part in parts[:_TOLD]]
+    left = sum(map(len, parts[_TOLD:]))
+    more = f" and {left} other{'s' * (left > 1)}" if left else ""
+    return ", ".join(told) + more
 
 
 def counted(count: int, noun: str) -> str:

@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from gaussray.runtime.output import emit, first_of
+from gaussray.runtime.output import emit, first_of, listed_names
 
 
 # Says that it works, waits until nobody reads any more, goes on, and leaves a file.
@@ -20,6 +20,8 @@ for done in range(1, 4):
     bar.report(done)
 pathlib.Path(sys.argv[1]).write_text("done")
 """
+FRAMES = [f"{k:05d}.jpg" for k in range(65)]
+EVEN = "0, 2, 4, 6, 8, 10, 12, 14"
 
 
 def test_work_goes_on_after_its_reader_has_gone(tmp_path):
@@ -55,3 +57,24 @@ def test_of_many_names_the_first_are_told():
     assert first_of(["a"]) == "a" and first_of([]) == ""
     assert first_of(["a", "b", "c"]) == "a, b, c"
     assert first_of(["a", "b", "c", "d"]) == "a, b, c ..." and first_of("ab", most=1) == "a ..."
+
+
+@pytest.mark.parametrize(
+    ("numbers", "told"),
+    [
+        (range(28), "00000.jpg to 00027.jpg"),
+        ([0, 1, 5, 6, 7], "00000.jpg, 00001.jpg, 00005.jpg to 00007.jpg"),
+        ([3], "00003.jpg"),
+    ],
+)
+def test_neighbours_are_a_range(numbers, told):
+    assert listed_names([FRAMES[k] for k in numbers], FRAMES) == told
+
+
+def test_what_is_not_told_is_counted():
+    everyone = [str(k) for k in range(40)]
+    assert listed_names(everyone[0:16:2], everyone) == EVEN
+    assert listed_names(everyone[0:18:2], everyone) == f"{EVEN} and 1 other"
+    assert listed_names([*everyone[0:16:2], *everyone[20:30]], everyone) == f"{EVEN} and 10 others"
+    # Without an order nothing is a range.
+    assert listed_names(everyone[:10]) == "0, 1, 2, 3, 4, 5, 6, 7 and 2 others"

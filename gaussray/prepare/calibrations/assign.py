@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,9 +19,22 @@ from gaussray.prepare.sources import Source
 from gaussray.runtime.progress import say
 
 
-def assign_cameras(
-    calibration: Calibration, sources: Sequence[Source]
-) -> tuple[dict[str, KnownCamera], list[Finding]]:
+class AssignedCameras(NamedTuple):
+    """The cameras of a calibration that are those of the input.
+
+    Args:
+        cameras: camera by source name.
+        findings: a warning for every source that is left out or whose size differs, and for
+            photographs of one pose.
+        absent: cameras of the calibration, with a pose, that no source is of.
+    """
+
+    cameras: dict[str, KnownCamera]
+    findings: list[Finding]
+    absent: list[str]
+
+
+def assign_cameras(calibration: Calibration, sources: Sequence[Source]) -> AssignedCameras:
     """The calibrated camera of each source, its lens for the source's size of pictures.
 
     A camera belongs to a source if it is the only one of the same name; else of the same letters
@@ -34,10 +48,6 @@ def assign_cameras(
             differ by at most 16 rows and columns, which an encoder adds or drops, and scaled if
             the pictures have the same shape.
         sources: cameras of the input; one whose camera the calibration leaves out is left out too.
-
-    Returns:
-        Camera by source name, and a warning for every source that is left out or whose size
-        differs, and for photographs of one pose.
 
     Raises:
         PrepareError: A source has no camera of its name, or one for pictures of another shape; two
@@ -85,7 +95,8 @@ def assign_cameras(
             f"poses.calibration must have a pose for a camera of videos, got {reasons[:400]}. "
             "Calibrate these cameras, or leave poses.calibration out to estimate poses."
         )
-    return result, findings + _check_poses(result, sources)
+    absent = [name for name in listed if name not in given.values()]
+    return AssignedCameras(result, findings + _check_poses(result, sources), absent)
 
 
 def _pair_of(calibration: Calibration, sources: Sequence[Source]) -> Calibration:

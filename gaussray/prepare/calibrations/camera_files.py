@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from gaussray.capture.formats.transforms import json_if_readable
-from gaussray.prepare.calibrations.camera_text import is_camera_text, text_camera
+from gaussray.prepare.calibrations.camera_text import is_camera_text, text_cameras
 from gaussray.prepare.calibrations.camera_values import (
     plain_camera,
     plain_cameras,
@@ -119,7 +119,7 @@ def _content(path: Path) -> dict[str, Any]:
         elif path.suffix.lower() in (".yaml", ".yml"):
             found = yaml_content(path)
         elif is_camera_text(path):
-            found = text_camera(path)
+            found = text_cameras(path).alone
         if not isinstance(found, dict) or is_by_value(found) or is_stereo_calibration(found):
             return {}
     except (PrepareError, OSError, ValueError):

@@ -8,7 +8,7 @@ perhaps, has such coefficients of a camera in each column (DLTdv, Argus).
 """
 
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -36,6 +36,25 @@ TEXT_RECIPE = (
 )
 
 
+class TextCameras(NamedTuple):
+    """The cameras of a text file.
+
+    Args:
+        cameras: values of each camera by its name; by its number from 0 where it has none.
+        in_order: each of several columns has the coefficients of a camera, without names: the order
+            of the columns is that of the cameras.
+    """
+
+    cameras: dict[str, dict[str, Any]]
+    in_order: bool = False
+
+    @property
+    def alone(self) -> dict[str, Any] | None:
+        """The values of the one camera; None if there are several, or it has a name of its own."""
+        ((name, values), *others) = self.cameras.items()
+        return None if others or name.lower() not in ("0", *_HEADERS) else values
+
+
 def is_camera_text(path: Path) -> bool:
     """Whether a text file is called as one of camera matrices (KRT), or begins like one (.txt,
     .csv)."""
@@ -60,8 +79,8 @@ def is_camera_text(path: Path) -> bool:
     return _starts(lines, start)
 
 
-def text_cameras(path: Path) -> dict[str, dict[str, Any]]:
-    """The values of each camera of a file by its name; by its number from 0 where it has none.
+def text_cameras(path: Path) -> TextCameras:
+    """The values of each camera of a file.
 
     Args:
         path: the file (`is_camera_text`).
@@ -76,7 +95,8 @@ def text_cameras(path: Path) -> dict[str, dict[str, Any]]:
         names = columns.names or [str(k) for k in range(len(columns.coefficients))]
         _check_names(path, names)
         values = [{DLT_KEY: dlt_projection(numbers)} for numbers in columns.coefficients]
-        return dict(zip(names, values, strict=True))
+        in_order = columns.names is None and len(names) > 1
+        return TextCameras(dict(zip(names, values, strict=True)), in_order)
     refuse_square_table(path, lines)
     lines = names_apart(lines)
     if not lines:
@@ -99,27 +119,7 @@ def text_cameras(path: Path) -> dict[str, dict[str, Any]]:
             f"{path}: each camera must have a line with its name, or none of them, got "
             f"{', '.join(result)[:200]}. Add the names."
         )
-    return result
-
-
-def text_camera(path: Path) -> dict[str, Any] | None:
-    """The values of the one camera of a file; None if it has several, or a name of its own.
-
-    Args:
-        path: the file (`is_camera_text`).
-
-    Raises:
-        PrepareError: There is no block, or one is incomplete.
-    """
-    ((name, values), *others) = text_cameras(path).items()
-    return None if others or name.lower() not in ("0", *_HEADERS) else values
-
-
-def has_unnamed_columns(path: Path) -> bool:
-    """Whether a file has the coefficients of a camera in each of several columns, without names;
-    the order of the columns is that of the cameras."""
-    columns = dlt_columns(numbered_lines(path))
-    return columns is not None and columns.names is None and len(columns.coefficients) > 1
+    return TextCameras(result)
 
 
 def _check_names(path: Path, names: list[str]) -> None:

@@ -49,10 +49,10 @@ def check_dlts(where: object, poses: Sequence[Float[np.ndarray, "3 4"]]) -> None
 def _closing(poses: Sequence[Float[np.ndarray, "3 4"]]) -> float:
     """How much closer two cameras come, for each unit between them, if both go one forward: on
     average over the pairs, from -2 to 2."""
-    found = [0.0]
+    found = []
     for one, two in combinations(poses, 2):
         apart = one[:, :3].T @ one[:, 3] - two[:, :3].T @ two[:, 3]  # from one to two
         distance = np.linalg.norm(apart)
         if distance > 0:
             found.append(float(apart @ (one[2, :3] - two[2, :3]) / distance))
-    return float(np.mean(found[1:] or found))
+    return float(np.mean(found)) if found else 0.0

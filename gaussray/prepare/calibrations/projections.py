@@ -62,22 +62,17 @@ def split_projection(
             f"0 0 0 1, got the row {matrix[3].tolist()}. Write K, R and t instead."
         )
     square = matrix[:3, :3]
-    sizes = np.linalg.svd(square, compute_uv=False)
-    determinant = np.linalg.det(square / (sizes[0] or 1))
-    if not sizes[-1] > _SINGULAR * sizes[0] or determinant < 0:
-        got = "a negative one" if sizes[-1] > _SINGULAR * sizes[0] else "0"
-        remedy = "Calibrate it again."
-        if got != "0":
-            remedy = (
-                "Negate all its 12 numbers if points before the camera have a negative third "
-                "coordinate; otherwise one axis is mirrored: negate it. Where rows count from the "
-                "bottom of the picture, as in Argus and DLTdv before 8, write for the second row "
-                "(rows of the picture - 1) times the third one minus the second one."
-            )
+    rule = f"{where}: the first three columns of {key} must have a positive determinant"
+    if _is_singular(square):
+        raise PrepareError(f"{rule}, got 0. Calibrate it again.")
+    if np.linalg.det(_scaled(square)) < 0:
         raise PrepareError(
-            f"{where}: the first three columns of {key} must have a positive determinant, got "
-            f"{got}. {remedy}"
+            f"{rule}, got a negative one. Negate all its 12 numbers if points before the camera "
+            "have a negative third coordinate; otherwise one axis is mirrored: negate it. Where "
+            "rows count from the bottom of the picture, as in Argus and DLTdv before 8, write for "
+            "the second row (rows of the picture - 1) times the third one minus the second one."
         )
+    sizes = np.linalg.svd(square, compute_uv=False)
     if sizes[0] - sizes[-1] <= ORTHONORMAL * sizes[0]:
         raise PrepareError(
             f"{where}: {key} must be a projection K [R | t] to pixels, got a rotation and a "
@@ -139,8 +134,7 @@ def dlt_projection(coefficients: Float[np.ndarray, "11"]) -> Float[np.ndarray, "
         coefficients: L1 to L11.
     """
     numbers = np.append(coefficients, 1.0)
-    square = numbers.reshape(3, 4)[:, :3]
-    determinant = np.linalg.det(square / (np.abs(square).max() or 1.0))
+    determinant = np.linalg.det(_scaled(numbers.reshape(3, 4)[:, :3]))
     return -numbers if determinant < 0 else numbers
 
 
@@ -151,13 +145,22 @@ def focal_lengths(numbers: Float[np.ndarray, "12"]) -> tuple[float, float]:
     Args:
         numbers: its numbers row by row, as large as they may be.
     """
-    square = numbers.reshape(3, 4)[:, :3]
-    square = square / (np.abs(square).max() or 1.0)
-    sizes = np.linalg.svd(square, compute_uv=False)
-    if not sizes[-1] > _SINGULAR * sizes[0]:
+    square = _scaled(numbers.reshape(3, 4)[:, :3])
+    if _is_singular(square):
         return 0.0, 0.0
     intrinsics, _ = matrix_and_rotation(square)
     return float(intrinsics[0, 0]), float(intrinsics[1, 1])
+
+
+def _scaled(square: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
+    """A matrix whose largest number is 1 or -1, so that products do not overflow; zeros stay."""
+    return square / (np.abs(square).max() or 1.0)
+
+
+def _is_singular(square: Float[np.ndarray, "3 3"]) -> bool:
+    """Whether the determinant is 0 beside the size of the numbers."""
+    sizes = np.linalg.svd(square, compute_uv=False)
+    return not sizes[-1] > _SINGULAR * sizes[0]
 
 
 def _rows_and_cost(intrinsics: Float[np.ndarray, "3 3"]) -> tuple[float, float]:

@@ -16,9 +16,7 @@ from gaussray.prepare.calibrations.camera_files import (
 )
 from gaussray.prepare.calibrations.camera_text import (
     TEXT_RECIPE,
-    has_unnamed_columns,
     is_camera_text,
-    text_camera,
     text_cameras,
 )
 from gaussray.prepare.calibrations.camera_values import has_matrix
@@ -218,13 +216,14 @@ def _cameras_of(path: Path, content: object) -> Calibration | None:
 
 
 def _read_text(path: Path) -> Calibration:
-    if text_camera(path) is not None:
+    text = text_cameras(path)
+    if text.alone is not None:
         refuse_single_camera(path)
-    blocks = text_cameras(path)
+    blocks = text.cameras
     cameras = opencv_cameras(path, blocks)
     assert cameras is not None
     check_dlts(path, [one.pose for one in cameras.cameras if DLT_KEY in blocks[one.name]])
-    if has_unnamed_columns(path):
+    if text.in_order:
         say(f"{path}: each column has the 11 coefficients of a camera (DLT), whose twelfth is 1.")
         return dataclasses.replace(cameras, in_order=True)
     if list(blocks) == [str(i) for i in range(len(blocks))]:

@@ -175,14 +175,12 @@ def _numbers(path: Path, root: ElementTree.Element) -> dict[str, float]:
             values[key] = float(value)
         except ValueError:
             values[key] = np.nan
-    for cell, side, in_sensor, in_buffer in (("dpx", "dx", "ncx", "nfx"), ("dpy", "dy", "", "")):
-        said = _effective_size(values, side, in_sensor, in_buffer)
-        if said is not None and cell not in text:
+    for cell, (said, factors) in _effective_sizes(values).items():
+        if cell not in text:
             values[cell] = said
-        elif said is not None and not abs(values[cell] - said) <= _SAME * abs(said):
+        elif not abs(values[cell] - said) <= _SAME * abs(said):
             say(
-                f"{path}: {cell}={text[cell]} is taken, and not the {said:.6g} that "
-                f"{' '.join(filter(None, (side, in_sensor, in_buffer)))} make."
+                f"{path}: {cell}={text[cell]} is taken, and not the {said:.6g} that {factors} make."
             )
     wanted = [key for keys in _PARTS.values() for key in keys]
     if missing := [key for key in wanted if not np.isfinite(values.get(key, np.nan))]:
@@ -198,13 +196,13 @@ def _numbers(path: Path, root: ElementTree.Element) -> dict[str, float]:
     return values
 
 
-def _effective_size(
-    values: Mapping[str, float], side: str, in_sensor: str, in_buffer: str
-) -> float | None:
-    """The size of a pixel that the sensor's elements make: dx ncx / nfx in a row, dy in a column;
-    None if it is not said."""
-    keys = list(filter(None, (side, in_sensor, in_buffer)))
-    if not all(np.isfinite(values.get(key, np.nan)) and values[key] > 0 for key in keys):
-        return None
-    share = values[in_sensor] / values[in_buffer] if in_sensor else 1.0
-    return values[side] * share
+def _effective_sizes(values: Mapping[str, float]) -> dict[str, tuple[float, str]]:
+    """The sides of a pixel that the sensor's elements make, dx ncx / nfx in a row and dy in a
+    column, and the keys that say them; those that are not said are left out."""
+    known = {key: value for key, value in values.items() if np.isfinite(value) and value > 0}
+    sizes: dict[str, tuple[float, str]] = {}
+    if {"dx", "ncx", "nfx"} <= known.keys():
+        sizes["dpx"] = (known["dx"] * (known["ncx"] / known["nfx"]), "dx ncx nfx")
+    if "dy" in known:
+        sizes["dpy"] = (known["dy"], "dy")
+    return sizes

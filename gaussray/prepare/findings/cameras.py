@@ -3,10 +3,11 @@
 import numpy as np
 
 from gaussray.prepare.findings.finding import Finding
-from gaussray.prepare.findings.listed_names import listed_names, listed_pictures
+from gaussray.prepare.findings.listed_pictures import listed_pictures
 from gaussray.prepare.findings.more_matches import more_matches
 from gaussray.prepare.placed_cameras import neighbour_angles
 from gaussray.prepare.poses import Placement
+from gaussray.runtime.output import listed_names
 
 
 # Share of pictures that must be registered.

@@ -3,11 +3,11 @@
 import re
 
 from gaussray.prepare.findings.finding import Finding
-from gaussray.prepare.findings.listed_names import listed_names
 from gaussray.prepare.lens_check import is_unreadable, lens_complaint
 from gaussray.prepare.lens_models import lens_fov
 from gaussray.prepare.placed_cameras import camera_lenses
 from gaussray.prepare.poses import Placement
+from gaussray.runtime.output import listed_names
 
 
 # Focal lengths of cameras whose pictures have one size may differ by this share.

@@ -3,7 +3,7 @@
 import numpy as np
 
 from gaussray.prepare.findings.finding import Finding
-from gaussray.prepare.findings.listed_names import listed_pictures
+from gaussray.prepare.findings.listed_pictures import listed_pictures
 from gaussray.prepare.findings.more_matches import more_matches
 from gaussray.prepare.poses import Placement
 from gaussray.prepare.sparse_model import observations_by_picture

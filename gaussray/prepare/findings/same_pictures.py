@@ -1,6 +1,7 @@
 """Whether two cameras show the same pictures: a video and its copy."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from gaussray.prepare.features import MatchingPicture
 from gaussray.prepare.findings.finding import Finding
 from gaussray.prepare.findings.pair_distances import EVIDENCE
 from gaussray.prepare.low_resolution import details_differ, low_details
-from gaussray.prepare.overlays import OVER_BOTH, WITHOUT_IT, at_same_place, overlays_text
+from gaussray.prepare.overlays import WITHOUT_IT, at_same_place, drawn_over_both, overlays_text
 from gaussray.prepare.poses import Placement
 
 
@@ -35,6 +36,11 @@ def same_picture_findings(
         placement: keypoints and matches, and overlays that were left out of them.
         files: for each camera the file of each timestamp.
     """
+
+    @cache
+    def details(picture: MatchingPicture) -> np.ndarray:
+        return low_details(read_levels(files[picture.camera][picture.instant], *picture.size))
+
     findings = []
     if placement.overlays:
         text = f"{overlays_text(placement.overlays)}; these matches are not used"
@@ -58,10 +64,8 @@ def same_picture_findings(
     for (a, b), shown in same.items():
         if sum(shown) < _SAME_TIMES * len(shown):
             continue
-        if _differ(shots[a, b], files):
-            text = (
-                f"{a} and {b} show different things, but {OVER_BOTH}, or a background too far away"
-            )
+        if _differ(shots[a, b], details):
+            text = f"{drawn_over_both(a, b)}, or a background too far away"
             remedy = f"{WITHOUT_IT} Of a far background: move the cameras farther apart."
         else:
             text = f"{a} and {b} show the same pictures{_times(shown)}, as a video and its copy do"
@@ -71,18 +75,15 @@ def same_picture_findings(
 
 
 def _differ(
-    shots: Sequence[tuple[MatchingPicture, MatchingPicture]], files: Mapping[str, Sequence[Path]]
+    shots: Sequence[tuple[MatchingPicture, MatchingPicture]],
+    details: Callable[[MatchingPicture], np.ndarray],
 ) -> bool:
-    """Whether most of a few pairs of pictures differ at low resolution."""
+    """Whether most of a few pairs of pictures differ at low resolution (`details`)."""
     compared = [
-        details_differ(_details(first, files), _details(second, files))
+        details_differ(details(first), details(second))
         for first, second in evenly_spread(shots, _COMPARED)
     ]
     return 2 * sum(compared) > len(compared)
-
-
-def _details(picture: MatchingPicture, files: Mapping[str, Sequence[Path]]) -> np.ndarray:
-    return low_details(read_levels(files[picture.camera][picture.instant], *picture.size))
 
 
 def _times(shown: list[bool]) -> str:

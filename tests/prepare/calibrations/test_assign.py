@@ -37,7 +37,7 @@ def source(name, width=WIDTH, height=HEIGHT):
 
 def test_cameras_are_given_by_name_or_by_number():
     known = rig()
-    given, remarks = assign_cameras(known, [source("Cam02"), source("view_1")])
+    given, remarks, _ = assign_cameras(known, [source("Cam02"), source("view_1")])
     assert given["Cam02"].pose == pytest.approx(POSES[1], abs=CLOSE)
     assert given["view_1"].pose == pytest.approx(POSES[0], abs=CLOSE) and not remarks
     with pytest.raises(PrepareError, match="got no left among cam01, cam02, cam03"):
@@ -46,7 +46,7 @@ def test_cameras_are_given_by_name_or_by_number():
 
 def test_a_camera_may_be_a_part_of_the_name_of_its_video():
     known = rig("back", "top", "side")
-    given, _ = assign_cameras(known, [source("minimal_Top"), source("minimal-back")])
+    given, _, _ = assign_cameras(known, [source("minimal_Top"), source("minimal-back")])
     assert given["minimal_Top"].pose == pytest.approx(POSES[1], abs=CLOSE)
     with pytest.raises(PrepareError, match="got no stop"):
         assign_cameras(known, [source("stop")])
@@ -54,9 +54,9 @@ def test_a_camera_may_be_a_part_of_the_name_of_its_video():
 
 def test_another_size_is_scaled_and_another_shape_refused():
     known = rig()
-    given, remarks = assign_cameras(known, [source("cam01", 320, 240)])
+    given, remarks, _ = assign_cameras(known, [source("cam01", 320, 240)])
     assert given["cam01"].lens["fl_x"] == pytest.approx(250) and "it is scaled" in remarks[0].text
-    given, remarks = assign_cameras(known, [source("cam01", 640, 488)])
+    given, remarks, _ = assign_cameras(known, [source("cam01", 640, 488)])
     assert given["cam01"].lens["fl_y"] == pytest.approx(505) and "as it is" in remarks[0].text
     with pytest.raises(PrepareError, match="of the same shape"):
         assign_cameras(known, [source("cam01", 480, 640)])
@@ -70,7 +70,7 @@ def test_two_cameras_of_one_pose_are_refused():
         assign_cameras(calibration, [source(name) for name in NAMES])
     # Two photographs may be from one place, unless nobody has calibrated it, or all are from it.
     photographs = stills_by_camera(calibration, stills(*NAMES))
-    _, findings = assign_cameras(calibration, photographs)
+    _, findings, _ = assign_cameras(calibration, photographs)
     (text,) = (one.text for one in findings if one.subject == "cameras")
     assert text.startswith("cam02 and cam03 have the same pose") and "not matched" in text
     nowhere = [KnownCamera(c.name, c.lens, np.eye(3, 4)) for c in cameras[1:]]
@@ -84,7 +84,7 @@ def test_two_cameras_of_one_pose_are_refused():
     turned, moved[:, 3] = turn @ turned, moved[:, 3] + [0.001, 0, 0]
     for pose in (turned, moved):
         calibration = Calibration([*cameras[:2], KnownCamera("cam03", cameras[2].lens, pose)])
-        given, _ = assign_cameras(calibration, [source(name) for name in NAMES])
+        given, _, _ = assign_cameras(calibration, [source(name) for name in NAMES])
         assert list(given) == list(NAMES)
 
 
@@ -106,7 +106,7 @@ def test_a_picture_of_each_camera_in_one_folder_is_that_camera(capsys):
     found = stills_by_camera(known, stills(*NAMES))
     assert [(one.name, one.count) for one in found] == [(name, 1) for name in NAMES]
     assert [one.pictures[0].name for one in found] == [f"{name}.jpg" for name in NAMES]
-    given, _ = assign_cameras(known, found)
+    given, _, _ = assign_cameras(known, found)
     assert list(given) == list(NAMES)
     assert "each of the 3 pictures is of the camera of its name." in capsys.readouterr().out
     # The camera may be a part of the name; one without a pose is told of by `assign_cameras`.

@@ -54,7 +54,7 @@ def test_a_rig_is_read_in_every_layout(tmp_path, heading, vector, video):
     calibration = read_calibration(path)
     assert [camera.name for camera in calibration.cameras] == ["cam_0", "cam_1", "cam_2"]
     assert not calibration.left_out
-    given, findings = assign_cameras(calibration, [source(video.format(k)) for k in (2, 0)])
+    given, findings, _ = assign_cameras(calibration, [source(video.format(k)) for k in (2, 0)])
     assert not findings
     for k in (2, 0):
         camera = given[video.format(k)]
@@ -85,7 +85,7 @@ def test_a_camera_that_is_not_calibrated_is_left_out_with_its_video(tmp_path, ch
     calibration = read_calibration(path)
     assert [camera.name for camera in calibration.cameras] == ["cam_0", "cam_2"]
     assert calibration.left_out == {"cam_1": reason}
-    given, findings = assign_cameras(calibration, [source(f"cam_{k}") for k in range(3)])
+    given, findings, _ = assign_cameras(calibration, [source(f"cam_{k}") for k in range(3)])
     assert list(given) == ["cam_0", "cam_2"]
     (finding,) = findings
     assert (finding.level, finding.subject) == ("warn", "cameras")

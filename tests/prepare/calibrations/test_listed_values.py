@@ -50,7 +50,7 @@ def test_cameras_without_names_are_those_of_the_input_in_natural_order(
     calibration = read_calibration(written(tmp_path, outer(lists()), name))
     # As a folder lists them: cam10 before cam2.
     given = sources(tmp_path, *sorted(range(1, COUNT + 1), key=str))
-    cameras, findings = assign_cameras(calibration, given)
+    cameras, findings, _ = assign_cameras(calibration, given)
     assert not findings
     for k in range(COUNT):
         camera = cameras[f"cam{k + 1}"]
@@ -78,7 +78,7 @@ def test_another_number_of_cameras_is_refused_unless_they_have_names(tmp_path):
         read_lenses(written(tmp_path, lists()))
     names = [f"cam{COUNT - k}" for k in range(COUNT)]
     named = written(tmp_path, {"cams": {"x": lists(names=names)}})
-    cameras, _ = assign_cameras(read_calibration(named), some)
+    cameras, _, _ = assign_cameras(read_calibration(named), some)
     assert {name: one.lens["fl_x"] for name, one in cameras.items()} == {"cam3": 509, "cam7": 505}
 
 

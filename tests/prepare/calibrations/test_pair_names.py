@@ -42,7 +42,7 @@ def source(name):
 def test_names_that_say_it(first, second):
     assert names_in_order([first, second]) == names_in_order([second, first]) == (first, second)
     for videos in ([first, second], [second, first]):
-        given, findings = assign_cameras(PAIR, [source(name) for name in videos])
+        given, findings, _ = assign_cameras(PAIR, [source(name) for name in videos])
         assert given[first].pose[0, 3] == 0 and given[second].pose[0, 3] == -1 and not findings
         # The file has no size: it is the video's.
         assert (given[first].lens["w"], given[second].lens["h"]) == (640, 480)
@@ -68,7 +68,7 @@ def test_names_that_do_not_say_it(names):
 def test_more_videos_than_cameras_are_refused_and_one_is_given_by_its_side():
     with pytest.raises(PrepareError, match="of two cameras, got 3 videos .*: left, right, front"):
         assign_cameras(PAIR, [source(name) for name in ("left", "right", "front")])
-    given, _ = assign_cameras(PAIR, [source("right")])
+    given, _, _ = assign_cameras(PAIR, [source("right")])
     assert given["right"].pose[0, 3] == -1
 
 
@@ -83,7 +83,7 @@ def test_two_stills_of_one_folder_are_of_both_cameras():
     folder = Source("rig", pathlib.Path("rig"), paths, np.zeros(0), ((640, 480),) * 2)
     found = stills_by_camera(PAIR, [folder])
     assert [one.name for one in found] == ["cam2", "cam1"]
-    given, _ = assign_cameras(PAIR, found)
+    given, _, _ = assign_cameras(PAIR, found)
     assert given["cam1"].pose[0, 3] == 0 and given["cam2"].pose[0, 3] == -1
 
 

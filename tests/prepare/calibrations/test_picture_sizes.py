@@ -153,12 +153,12 @@ def test_cameras_of_unknown_size_whose_middle_is_elsewhere_are_told_once(tmp_pat
     sources = [
         Source(f"cam{k}", Path(f"cam{k}.mp4"), (), np.zeros(3), ((320, 240),)) for k in (1, 2, 3)
     ]
-    _, findings = assign_cameras(known, sources)
+    _, findings, _ = assign_cameras(known, sources)
     assert [one.subject for one in findings] == ["lens"] * 3
     told = "columns and 240 of 240 rows (and of 2 more cameras alike). Was it calibrated at 640 x 4"
     assert capsys.readouterr().out.count(told) == 1
     sized = Calibration(read(tmp_path / "a.json", image_size=[640, 480]))
-    _, findings = assign_cameras(sized, sources)
+    _, findings, _ = assign_cameras(sized, sources)
     assert len(findings) == 3 and "columns" not in capsys.readouterr().out
 
 

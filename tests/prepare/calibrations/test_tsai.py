@@ -130,7 +130,9 @@ def test_a_folder_of_a_file_for_each_camera_is_one_calibration(tmp_path, capsys)
     assert "R = Rz Ry Rx takes world to camera, kappa1 becomes OpenCV's coefficients (at m" in told
     assert "R and t are taken" not in told
     # The videos have half the size.
-    known, _ = assign_cameras(calibration, [video(f"terrace1-c{k}", (384, 288)) for k in range(4)])
+    known, _, _ = assign_cameras(
+        calibration, [video(f"terrace1-c{k}", (384, 288)) for k in range(4)]
+    )
     assert [one.pose[0, 3] for one in known.values()] == [0, 1000, 2000, 3000]
     whole = calibration.cameras[0].lens
     assert known["terrace1-c0"].lens["fl_x"] == pytest.approx(whole["fl_x"] / 2)
