@@ -112,6 +112,8 @@ def test_the_command_fails_and_leaves_the_scene_that_is_there(
     report = {"psnr": 9.0, "one_color": 14.0, "precision": "full"}
     monkeypatch.setattr(recipe, "pruned_segment", lambda *_: (nothing(), report))
     monkeypatch.setattr(recipe, "fitted_state", lambda _, state, progress: (state, progress))
+    # There is no state to keep.
+    monkeypatch.setattr(recipe.RunLog, "save", lambda *_: None)
     (tmp_path / "scene.npz").write_bytes(b"an earlier scene")
     words = ["fit.coarse=1", "fit.fine=1", "fit.tiles=4", "fit.block=1", "fit.start=given"]
     with pytest.raises(SystemExit) as end:
