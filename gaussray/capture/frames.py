@@ -62,11 +62,24 @@ def read_encoded(view: PictureFile) -> np.ndarray:
     over its area in linear light, as a sensor of larger pixels sees it; bytes are rounded. Its
     margin is black.
     """
+    return _encoded(view, stored_picture(view))
+
+
+def read_with_mask(view: View) -> tuple[np.ndarray, Bool[np.ndarray, "h w"] | None]:
+    """The sRGB values of a view (`read_encoded`) and its pixels that count (`visible_pixels`; None:
+    all), of one reading of its file."""
     stored = stored_picture(view)
+    shown = None
+    if is_masked(view):
+        shown = _visible(view, stored.alpha if view.background == "mask" else None)
+    return _encoded(view, stored), shown
+
+
+def _encoded(view: PictureFile, stored: StoredPicture) -> np.ndarray:
     if stored.alpha is not None and view.background in ALPHA_USE:
         # Without a file name: the same text is shown once, not for each picture.
         warnings.warn(
-            f"alpha below 1 in pictures {ALPHA_USE[view.background]}.", CaptureWarning, stacklevel=2
+            f"alpha below 1 in pictures {ALPHA_USE[view.background]}.", CaptureWarning, stacklevel=3
         )
     return encoded_values(view, stored.values)
 
@@ -149,15 +162,19 @@ def is_masked(view: View) -> bool:
 def visible_pixels(view: View) -> Bool[np.ndarray, "h w"]:
     """Pixels of a view that count, by its mask and, with `background` mask, by its alpha; none of
     its margin does."""
+    # Frames of videos have no alpha.
+    by_alpha = view.background == "mask" and frame_of(view.image) is None
+    return _visible(view, stored_picture(view).alpha if by_alpha else None)
+
+
+def _visible(view: View, alpha: np.ndarray | None) -> Bool[np.ndarray, "h w"]:
+    """`visible_pixels`, with the stored alpha that is a mask; None if none is."""
     width, height = shown_size(view)
     visible = np.ones((height, width), bool)
     if view.mask is not None:
         visible &= read_mask(view.mask, width, height, view.window)
-    # Frames of videos have no alpha.
-    if view.background == "mask" and frame_of(view.image) is None:
-        size = stored_size(view)
-        alpha = read_with_alpha(view.image, *size, "mask").alpha
-        opaque = alpha_mask(alpha, size[::-1])[..., None].astype(np.float32)
+    if alpha is not None:
+        opaque = alpha_mask(alpha, alpha.shape)[..., None].astype(np.float32)
         opaque = view.window.cut(opaque) if view.window else opaque
         if opaque.shape[:2] != visible.shape:
             opaque = averaged(opaque, width, height)

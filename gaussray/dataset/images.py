@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Array, UInt8
+from jaxtyping import Array, Bool, UInt8
 
 from gaussray.color import srgb_encode
 from gaussray.dataset.levels import host_levels, require_finite, srgb_table
@@ -97,13 +97,18 @@ _IEND = b"\0\0\0\0IEND\xaeB`\x82"
 
 
 def side_by_side(
-    truth: np.ndarray | Array, ours: np.ndarray | Array, *, gain: float | int = 4
+    truth: np.ndarray | Array,
+    ours: np.ndarray | Array,
+    shown: Bool[np.ndarray, "h w"] | None = None,
+    *,
+    gain: float | int = 4,
 ) -> UInt8[np.ndarray, "h w3 3"]:
     """8-bit levels of two pictures and of their difference in sRGB values, side by side.
 
     Args:
         truth: the left picture, linear light or 8-bit levels.
         ours: the middle picture, of the same size.
+        shown: pixels that count; the difference of all others is 0. None: all count.
         gain: factor of the absolute difference, which is the right picture.
 
     Raises:
@@ -113,6 +118,8 @@ def side_by_side(
     if truth.shape != ours.shape:
         raise ValueError(f"the pictures must have one size, got {truth.shape} and {ours.shape}.")
     difference = np.abs(truth.astype(np.float64) - ours.astype(np.float64)) * gain
+    if shown is not None:
+        difference[~shown] = 0
     return np.concatenate([truth, ours, np.clip(difference, 0, 255).astype(np.uint8)], axis=1)
 
 

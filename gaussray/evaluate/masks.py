@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float16, UInt8
 from gaussray.camera.camera import Camera
 from gaussray.camera.film import pixel_grid
 from gaussray.capture.capture import View, viewpoints
-from gaussray.capture.frames import read_encoded
+from gaussray.capture.frames import read_encoded, read_with_mask
 from gaussray.capture.spread import evenly_spread
 from gaussray.capture.temporal_median import differs, temporal_median
 
@@ -27,7 +27,18 @@ _BYTES = 1e9
 
 def view_levels(view: View) -> UInt8[np.ndarray, "h w 3"]:
     """The picture of a view in 8-bit sRGB levels."""
-    picture = read_encoded(view)
+    return _as_levels(read_encoded(view))
+
+
+def levels_and_mask(
+    view: View,
+) -> tuple[UInt8[np.ndarray, "h w 3"], Bool[np.ndarray, "h w"] | None]:
+    """The picture of a view in 8-bit sRGB levels, and its pixels that count (None: all)."""
+    picture, shown = read_with_mask(view)
+    return _as_levels(picture), shown
+
+
+def _as_levels(picture: np.ndarray) -> UInt8[np.ndarray, "h w 3"]:
     if picture.dtype == np.uint8:
         return picture
     return np.clip(np.round(picture * 255), 0, 255).astype(np.uint8)
@@ -61,7 +72,7 @@ def circle_mask(shape: tuple[int, ...]) -> Bool[np.ndarray, "h w"]:
 
 class MotionMasks:
     """Which pixels move in the pictures of cameras that stand still: those that differ from the
-    temporal median of their viewpoint.
+    temporal median of their viewpoint. Pixels that a mask hides tell nothing.
 
     Medians are found when they are first asked for; of more than a hundred pictures of a viewpoint,
     a hundred tell that are evenly spread. Pictures of a moving camera have no common viewpoint, so
@@ -127,12 +138,41 @@ class MotionMasks:
 
     def _median_of(self, viewpoint: int) -> "_Still":
         group = self._views[viewpoint]
-        pictures = np.stack([view_levels(view) for view in evenly_spread(group, _MOST)])
-        # Medians of levels are multiples of one half.
-        median = temporal_median(pictures).astype(np.float16)
+        chosen = evenly_spread(group, _MOST)
+        levels, masks = zip(*map(levels_and_mask, chosen), strict=True)
+        pictures = np.stack(levels)
+        shown = _stacked(masks, pictures.shape[1:3])
+        # Medians of levels are multiples of one half; NaN, where nothing is shown, differs from
+        # nothing.
+        median = temporal_median(pictures, shown).astype(np.float16)
         # What no picture exceeds, the lowest and the highest levels of all do not.
-        ends = pictures.min(axis=0), pictures.max(axis=0)
-        return _Still(median, ~(differs(ends[0], median, 255) | differs(ends[1], median, 255)))
+        low, high = _ends(pictures, shown)
+        return _Still(median, ~(differs(low, median, 255) | differs(high, median, 255)))
+
+
+def _stacked(
+    masks: Sequence[Bool[np.ndarray, "h w"] | None], shape: tuple[int, ...]
+) -> Bool[np.ndarray, "n h w"] | None:
+    """Masks of pictures of one size; None if none has one."""
+    if all(mask is None for mask in masks):
+        return None
+    return np.stack([np.ones(shape, bool) if mask is None else mask for mask in masks])
+
+
+def _ends(
+    pictures: UInt8[np.ndarray, "n h w 3"], shown: Bool[np.ndarray, "n h w"] | None
+) -> tuple[UInt8[np.ndarray, "h w 3"], UInt8[np.ndarray, "h w 3"]]:
+    """The lowest and the highest level of each pixel among those that are shown; 255 and 0 where
+    none is."""
+    if shown is None:
+        return pictures.min(axis=0), pictures.max(axis=0)
+    # Picture by picture, without a copy of all; several times as fast as `where=`.
+    low, high = np.full_like(pictures[0], 255), np.zeros_like(pictures[0])
+    for picture, mask in zip(pictures, shown, strict=True):
+        known = np.repeat(255 * mask.astype(np.uint8), 3, axis=1).reshape(picture.shape)
+        np.minimum(low, picture | ~known, out=low)
+        np.maximum(high, picture & known, out=high)
+    return low, high
 
 
 class _Still(NamedTuple):

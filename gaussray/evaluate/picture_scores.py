@@ -8,7 +8,12 @@ from jaxtyping import Bool, UInt8
 
 from gaussray.capture.capture import View
 from gaussray.dataset.images import srgb_levels
-from gaussray.evaluate.masks import MotionMasks, circle_mask, view_levels, visible_mask
+from gaussray.evaluate.masks import (
+    MotionMasks,
+    circle_mask,
+    levels_and_mask,
+    visible_mask,
+)
 from gaussray.evaluate.metrics import psnr, ssim
 from gaussray.evaluate.perceptual import Metric
 from gaussray.render.frame import Frame
@@ -24,12 +29,14 @@ class ScoredPicture(NamedTuple):
             and the number of their values. It is absent where nothing is known to move.
         real: the truth, in 8-bit levels.
         ours: the rendering, in 8-bit levels.
-        visible: the pixels inside the lens's field of view; None: all.
+        shown: the pixels that the mask of the view lets count; None: all.
+        visible: those of them inside the lens's field of view; None: all.
     """
 
     row: dict[str, Any]
     real: UInt8[np.ndarray, "h w 3"]
     ours: UInt8[np.ndarray, "h w 3"]
+    shown: Bool[np.ndarray, "h w"] | None
     visible: Bool[np.ndarray, "h w"] | None
 
 
@@ -50,14 +57,13 @@ def score_picture(
         perceptual: the metrics beside PSNR and SSIM, by name (`perceptual_metrics`).
         trained: names of the cameras that the scene was fitted to.
     """
-    ours, real = srgb_levels(frame.color), view_levels(view)
-    visible = visible_mask(view.camera)
-    fills = view.camera.lens.fills_picture
-    row = _scores(real, ours, visible, masks.moving(view, real), fills=fills)
-    row |= {name: measure(real, ours) for name, measure in perceptual.items()}
+    (real, shown), ours = levels_and_mask(view), srgb_levels(frame.color)
+    sees = visible_mask(view.camera)
+    row = _scores(real, ours, masks.moving(view, real), _counted(view, sees, shown))
+    row |= _perceived(perceptual, real, ours, shown)
     row["seconds"] = None if frame.compiled else frame.seconds
     row["part"] = _part(view, trained)
-    return ScoredPicture(row, real, ours, visible)
+    return ScoredPicture(row, real, ours, shown, _both(sees, shown))
 
 
 def score_line(effect: str, view: View, row: Mapping[str, Any]) -> dict[str, Any]:
@@ -71,8 +77,9 @@ def score_line(effect: str, view: View, row: Mapping[str, Any]) -> dict[str, Any
     named = {"effect": effect, "camera": view.camera_name, "time": view.time, "part": row["part"]}
     file = f"{effect}/{picture_file_name(view)}"
     figures = {name: x for name, x in row.items() if isinstance(x, float)}
-    # Equal pictures have an infinite PSNR, which JSON cannot represent.
-    figures = {name: x if np.isfinite(x) else None for name, x in figures.items()}
+    # Equal pictures have an infinite PSNR, which JSON cannot represent. A picture that its mask
+    # hides has no scores.
+    figures = {n: x if np.isfinite(x) else None for n, x in figures.items() if not np.isnan(x)}
     return named | {"file": file} | figures
 
 
@@ -81,33 +88,61 @@ def picture_file_name(view: View) -> str:
     return f"{view.camera_name}_{view.time:.4f}.png"
 
 
+def _counted(
+    view: View, sees: Bool[np.ndarray, "h w"] | None, shown: Bool[np.ndarray, "h w"] | None
+) -> dict[str, Bool[np.ndarray, "h w"] | None]:
+    """The pixels over which each kind of score is a mean, by the end of its name; None: all.
+
+    What the mask of the view hides never counts. Where a lens should fill the picture, neither do
+    pixels without a ray, nor a rim of one pixel around these: the scene cannot show there what the
+    picture does. Around the circle of a fisheye both are black.
+    """
+    both = _both(sees, shown)
+    if sees is None:
+        return {"": both}
+    whole = both if view.camera.lens.fills_picture else shown
+    return {"": whole, "_masked": both, "_circle": _both(circle_mask(sees.shape), shown)}
+
+
+def _both(
+    one: Bool[np.ndarray, "h w"] | None, other: Bool[np.ndarray, "h w"] | None
+) -> Bool[np.ndarray, "h w"] | None:
+    """The pixels of two masks, of which None is all."""
+    return other if one is None else one if other is None else one & other
+
+
 def _scores(
     real: UInt8[np.ndarray, "h w 3"],
     ours: UInt8[np.ndarray, "h w 3"],
-    visible: Bool[np.ndarray, "h w"] | None,
     moving: Bool[np.ndarray, "h w"] | None,
-    *,
-    fills: bool,
+    counted: Mapping[str, Bool[np.ndarray, "h w"] | None],
 ) -> dict[str, Any]:
-    """PSNR, SSIM and what moves (`ScoredPicture.row`).
-
-    Where a lens should fill the picture (`fills`), pixels without a ray do not count, nor a rim of
-    one pixel around these: the scene cannot show there what the picture does. Around the circle of
-    a fisheye both are black. SSIM leaves out the border of the picture, whatever else counts.
-    """
-    counted = visible if fills else None
-    score: dict[str, Any] = {"psnr": psnr(real, ours, counted)}
-    score["ssim"] = ssim(real, ours, counted)
-    if moving is not None and counted is not None:
-        moving = moving & counted
-    if visible is not None:
-        for name, mask in (("masked", visible), ("circle", circle_mask(visible.shape))):
-            score[f"psnr_{name}"] = psnr(real, ours, mask)
-            score[f"ssim_{name}"] = ssim(real, ours, mask)
+    """PSNR, SSIM and what moves (`ScoredPicture.row`). SSIM leaves out the border of the picture,
+    whatever else counts."""
+    score: dict[str, Any] = {}
+    for name, mask in counted.items():
+        score[f"psnr{name}"] = psnr(real, ours, mask)
+        score[f"ssim{name}"] = ssim(real, ours, mask)
+    moving = None if moving is None else _both(moving, counted[""])
     if moving is not None and moving.any():
         error = (real.astype(np.float64) - ours)[moving] / 255
         score["moving"] = (float(np.sum(error**2)), error.size)
     return score
+
+
+def _perceived(
+    metrics: Mapping[str, Metric],
+    real: UInt8[np.ndarray, "h w 3"],
+    ours: UInt8[np.ndarray, "h w 3"],
+    shown: Bool[np.ndarray, "h w"] | None,
+) -> dict[str, float]:
+    """The perceptual scores over what is shown. What is hidden is black in both pictures: its error
+    would spread to what is shown."""
+    if shown is not None and not shown.any():
+        return dict.fromkeys(metrics, float("nan"))
+    if shown is not None:
+        real, ours = (picture * shown[..., None] for picture in (real, ours))
+    return {name: measure(real, ours, shown) for name, measure in metrics.items()}
 
 
 def _part(view: View, trained: set[str]) -> str:

@@ -79,7 +79,8 @@ def evaluate(
     Returns:
         The content of report.json. Under `effects`, for each effect: means over the pictures of
         `psnr` (dB) and `ssim`, where pixels that the distortion of a pinhole lens leaves without a
-        ray do not count, nor a rim of one pixel around these; the same inside the field of view of
+        ray do not count, nor a rim of one pixel around these, nor what the mask of a picture hides,
+        which counts in no score; the same inside the field of view of
         any lens, less this rim (`psnr_masked`, `ssim_masked`), and inside the disc that the fisheye
         benchmark scores (`psnr_circle`), where these are not the whole picture (SSIM always without
         the five pixels at the picture's border); PSNR of moving pixels; `flicker` of static pixels
@@ -165,16 +166,16 @@ class _Evaluation:
             self.lines.append(score_line(effect, view, row))
             static = masks.static(view)
             if static is not None:
-                mask = static & (True if scored.visible is None else scored.visible)
-                flicker.add(row["part"], view.camera_name, mask, real, ours)
+                flicker.add(row["part"], view.camera_name, static, real, ours, scored.visible)
             if self.options.images:
-                file = self._write_image(f"{effect}/{picture_file_name(view)}", real, ours)
+                file = self._write_image(f"{effect}/{picture_file_name(view)}", scored)
                 films.setdefault(view.camera_name, []).append(file)
             if len(rows) == (len(views) + 1) // 2:
-                difference = side_by_side(real, ours)[:, -real.shape[1] :]
+                difference = side_by_side(real, ours, scored.shown)[:, -real.shape[1] :]
                 self.sheet.append((effect, [real, ours, difference]))
-            mean = np.mean([row["psnr"] for row in rows])
-            self.progress.report(len(self.lines), f"{effect} {mean:.2f} dB")
+            known = [row["psnr"] for row in rows if not np.isnan(row["psnr"])]
+            mean = f" {np.mean(known):.2f} dB" if known else ""
+            self.progress.report(len(self.lines), f"{effect}{mean}")
 
         score = partial(
             score_picture, masks=masks, perceptual=self.perceptual, trained=self.trained
@@ -205,9 +206,9 @@ class _Evaluation:
         write_json(self.out / "report.json", self.report)
         return self.report
 
-    def _write_image(self, name: str, real: np.ndarray, ours: np.ndarray) -> Path:
+    def _write_image(self, name: str, scored: ScoredPicture) -> Path:
         self.written.append(name)
-        write_image(self.out / name, side_by_side(real, ours))
+        write_image(self.out / name, side_by_side(scored.real, scored.ours, scored.shown))
         return self.out / name
 
 

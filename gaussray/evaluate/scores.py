@@ -80,7 +80,8 @@ def scores_text(report: dict[str, Any]) -> str:
 def _means(rows: Sequence[dict[str, Any]], samples: int) -> dict[str, Any]:
     means: dict[str, Any] = {}
     for name in MEANS:
-        values = [row[name] for row in rows if name in row]
+        # A picture that its mask hides has no score.
+        values = [row[name] for row in rows if name in row and not np.isnan(row[name])]
         if values:
             mean = float(np.mean(values))
             # Equal pictures have an infinite PSNR, which JSON cannot represent.

@@ -10,10 +10,10 @@ import numpy as np
 from gaussray.camera.camera import Camera
 from gaussray.camera.shutter import time_window
 from gaussray.capture.capture import Capture, View
-from gaussray.capture.frames import read_encoded
 from gaussray.capture.picture_file import read_stored
 from gaussray.capture.spread import evenly_spread
 from gaussray.dataset.images import srgb_levels
+from gaussray.evaluate.masks import levels_and_mask
 from gaussray.evaluate.metrics import psnr
 from gaussray.render.options import RenderOptions
 from gaussray.render.renderer import Renderer
@@ -67,11 +67,14 @@ def rendered_samples(scene: Scene | Clip, capture: Capture) -> Section | None:
         return Section("Capture and rendering", [note(words)])
     renderer, figures = Renderer(scene, options=RenderOptions(samples=1)), []
     for view in views:
-        truth = _as_levels(read_encoded(view))
+        truth, shown = levels_and_mask(view)
         image = srgb_levels(renderer(view.camera).color)
+        # A picture that its mask hides has no score.
+        score = f", {psnr(truth, image, shown):.2f} dB" if shown is None or shown.any() else ""
         caption = [tag("b", f"{SPLITS[view.split][:-1]} {view.camera_name}"),
-                   f" · time {view.time:.4g}, {psnr(truth, image):.2f} dB"]  # fmt: skip
-        figures.append(comparison_figure(truth, image, caption, most=BYTES // (3 * len(views))))
+                   f" · time {view.time:.4g}{score}"]  # fmt: skip
+        most = BYTES // (3 * len(views))
+        figures.append(comparison_figure(truth, image, caption, shown=shown, most=most))
     words = "One ray per pixel. `gaussray evaluate` scores every picture."
     return Section(
         "Capture and rendering",

@@ -40,17 +40,18 @@ def score_table(report: dict[str, Any]) -> Section | None:
     columns = [*columns, ("rays per pixel", "samples", 0)]
     body = [[name, *(figure_text(row.get(key), n) for _, key, n in columns)] for name, row in rows]
     words = (
-        "PSNR in dB between 8-bit sRGB pictures, mean over the pictures. Masked: inside the lens's "
-        "field of view. Moving: over pixels that change in time. Flicker: standard deviation over "
-        "time of pixels that never move, in 8-bit levels (0-255), beside that of the capture. FPS: "
-        "rendered frames per second without compilation."
+        "PSNR in dB between 8-bit sRGB pictures, mean over the pictures; what their masks hide "
+        "counts in no score. Masked: inside the lens's field of view. Moving: over pixels that "
+        "change in time. Flicker: standard deviation over time of pixels that never move, in 8-bit "
+        "levels (0-255), beside that of the capture. FPS: rendered frames per second without "
+        "compilation."
     )
     return Section("Scores", [html_table(["effect", *(c[0] for c in columns)], body), note(words)])
 
 
 def psnr_over_time(out: Path) -> Section | None:
     """PSNR of every picture over time, a chart for each effect."""
-    scores, charts = json_lines(out / SCORES), []
+    scores, charts = _lines_with_scores(out), []
     for effect in dict.fromkeys(line["effect"] for line in scores):
         views = [line for line in scores if line["effect"] == effect]
         cameras = list(dict.fromkeys(line["camera"] for line in views))
@@ -64,7 +65,7 @@ def psnr_over_time(out: Path) -> Section | None:
 
 def compared_pictures(out: Path) -> Section | None:
     """For each effect the pictures of worst and median PSNR beside the truth."""
-    scores = [line for line in json_lines(out / SCORES) if (out / line["file"]).is_file()]
+    scores = [line for line in _lines_with_scores(out) if (out / line["file"]).is_file()]
     effects = list(dict.fromkeys(line["effect"] for line in scores))
     if not effects:
         return None
@@ -80,6 +81,11 @@ def compared_pictures(out: Path) -> Section | None:
     return Section("Capture and rendering", body)
 
 
+def _lines_with_scores(out: Path) -> list[dict[str, Any]]:
+    """The lines of all pictures but those that their masks hide."""
+    return [line for line in json_lines(out / SCORES) if "psnr" in line]
+
+
 def _worst_and_median(scores: Sequence[dict[str, Any]]) -> list[tuple[str, dict[str, Any]]]:
     ranked = sorted(scores, key=lambda line: np.inf if line["psnr"] is None else line["psnr"])
     named = {0: "worst", len(ranked) // 2: "median"} if len(ranked) > 1 else {0: "only picture"}
@@ -91,7 +97,9 @@ def _comparison(out: Path, line: dict[str, Any], word: str, most: int) -> Markup
     width = stored.shape[1] // 3
     psnr = "equal" if line["psnr"] is None else f"{line['psnr']:.2f} dB"
     caption = [tag("b", f"{word}: {psnr}"), f" · {line['camera']}, time {line['time']:.4g}"]
-    return comparison_figure(stored[:, :width], stored[:, width : 2 * width], caption, most=most)
+    truth, ours, difference = (stored[:, k * width : (k + 1) * width] for k in range(3))
+    # The stored difference is 0 where a mask hides the picture, too.
+    return comparison_figure(truth, ours, caption, shown=difference.max(axis=2) > 0, most=most)
 
 
 def _stored_levels(path: Path) -> np.ndarray:

@@ -72,13 +72,19 @@ def error_scale() -> Markup:
 
 
 def comparison_figure(
-    truth: np.ndarray, image: np.ndarray, caption: Sequence[Markup | str], *, most: int
+    truth: np.ndarray,
+    image: np.ndarray,
+    caption: Sequence[Markup | str],
+    *,
+    shown: np.ndarray | None = None,
+    most: int,
 ) -> Markup:
     """Truth and rendering with a slider between them, and the difference map.
 
     Args:
         truth, image: pictures of equal size, 8-bit sRGB.
         caption: parts of the caption.
+        shown: pixels [h, w] that count; the map is black in all others. None: all count.
         most: limit of the bytes of each picture.
     """
     height, width = truth.shape[:2]
@@ -96,7 +102,8 @@ def comparison_figure(
         class_=f"compare{small}",
         style=shape,
     )
-    difference = captioned_image(error_map(truth, image), "difference", most=most)
+    compared = image if shown is None else np.where(shown[..., None], image, truth)
+    difference = captioned_image(error_map(truth, compared), "difference", most=most)
     return tag(
         "figure", tag("div", both, difference, class_="pair"), tag("figcaption", list(caption))
     )

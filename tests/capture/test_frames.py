@@ -183,6 +183,24 @@ def test_a_mask_of_a_few_pixels_tells_nothing(tmp_path):
         read_mask(path, 32, 24)
 
 
+@pytest.mark.parametrize("background", ["mask", "none"])
+@pytest.mark.parametrize("masked", [True, False])
+@pytest.mark.filterwarnings("ignore::gaussray.capture.errors.CaptureWarning")
+def test_picture_and_mask_are_of_one_reading(tmp_path, monkeypatch, background, masked):
+    of = toy.camera(width=32, height=24)
+    image = write(tmp_path / "a.png", random_codes(channels=4))
+    mask = write(tmp_path / "m.png", random_codes(channels=1)) if masked else None
+    view = View(of, image, mask, None, "a", "train", 0.0, "pinhole", None, "srgb", background)
+    values, counted = read_encoded(view), visible_pixels(view)
+    opened, read = [], read_with_alpha
+    monkeypatch.setattr(frames, "read_with_alpha", lambda *a: opened.append(a[0]) or read(*a))
+    found, shown = frames.read_with_mask(view)
+    np.testing.assert_array_equal(found, values)
+    assert opened.count(image) == 1
+    assert (shown is None) == (background == "none" and not masked) == counted.all()
+    assert shown is None or (shown == counted).all()
+
+
 def test_frames_of_videos_have_no_alpha_to_be_read(tmp_path, monkeypatch):
     films.film(tmp_path / "v.mp4", films.shades(2))
     image, of = frame_path(tmp_path / "v.mp4", 1), toy.camera()

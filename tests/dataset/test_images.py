@@ -117,6 +117,10 @@ def test_side_by_side_is_truth_then_ours_then_the_amplified_difference():
     joined = side_by_side(truth, ours, gain=4)
     assert joined.shape == (4, 15, 3) and joined.dtype == np.uint8
     np.testing.assert_array_equal(joined[0, ::5, 0], [100, 90, 40])
+    shown = np.arange(20).reshape(4, 5) % 3 == 0
+    masked = side_by_side(truth, ours, shown, gain=4)
+    np.testing.assert_array_equal(masked[:, :10], joined[:, :10])
+    np.testing.assert_array_equal(masked[:, 10:, 0], 40 * shown)
     with pytest.raises(ValueError, match="must have one size"):
         side_by_side(truth, ours[:2])
 

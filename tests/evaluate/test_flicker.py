@@ -1,5 +1,7 @@
 """Flicker of films against the standard deviation of what was put into them."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -68,6 +70,34 @@ def test_a_single_picture_says_nothing_and_a_steady_film_has_none():
     steady = np.repeat(film, 3, axis=0)
     found = seen([("train", "cam_0", steady, steady)]).figures()
     assert found == {"flicker": 0, "flicker_truth": 0}
+
+
+def test_a_pixel_counts_in_the_pictures_that_show_it():
+    truth, ours = films(6, 2.0), films(6, 4.0, seed=1)
+    shown = np.random.default_rng(2).random((6, *SIZE)) < 0.5
+    flicker = Flicker()
+    for one, other, mask in zip(truth, ours, shown, strict=True):
+        flicker.add("train", "cam_0", STILL, one, other, mask)
+    square = []
+    for y, x in np.argwhere(STILL):
+        own = ours[shown[:, y, x], y, x].astype(float)
+        if len(own) > 1:
+            square.append((own - own.mean(axis=0)) ** 2)
+    expected = np.sqrt(np.mean(np.concatenate(square)))
+    assert flicker.figures()["flicker"] == pytest.approx(expected, abs=DIGITS)
+
+
+def test_sums_are_of_static_pixels_alone():
+    """Those of large pictures take hundreds of megabytes for each camera."""
+    static, film = np.zeros((400, 300), bool), np.zeros((3, 400, 300, 3), np.uint8)
+    static[:20] = True
+    flicker = Flicker()
+    tracemalloc.start()
+    for picture in film:
+        flicker.add("train", "cam_0", static, picture, picture, static)
+    held, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert held < 60 * static.sum()
 
 
 def test_the_report_shows_it_beside_the_truths():

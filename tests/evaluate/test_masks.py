@@ -1,6 +1,8 @@
 """Which pixels an evaluation takes to move, against medians by NumPy."""
 
+import dataclasses
 import json
+import warnings
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -83,6 +85,31 @@ def test_of_a_long_video_pictures_that_are_evenly_spread_tell(tmp_path, monkeypa
     np.testing.assert_array_equal(pixels.moving(view, levels[1]), far(levels[1], median))
     static = ~np.any([far(picture, median) for picture in some], axis=0)
     np.testing.assert_array_equal(pixels.static(view), static)
+
+
+def test_what_a_mask_hides_tells_nothing_of_what_moves(tmp_path):
+    levels = film(0)
+    hidden = np.zeros((COUNT, H, W), bool)
+    # A pixel that flashes where most pictures hide it, and one that all of them hide.
+    hidden[1:, 0, 0] = hidden[:, 0, 1] = True
+    levels[1:, 0, 0] = 255
+    levels[::2, 0, 1] = 255
+    views = capture_of(tmp_path, {"a": levels})
+    for t, mask in enumerate(hidden):
+        write_image(tmp_path / f"masks/{t}.png", np.where(mask, 0, 255).astype(np.uint8))
+    views = [dataclasses.replace(v, mask=tmp_path / f"masks/{t}.png") for t, v in enumerate(views)]
+    shown = np.where(hidden[..., None], np.nan, levels.astype(float))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of the pixel that is never shown
+        median = np.nanmedian(shown, axis=0)
+    pixels = MotionMasks(views)
+    for t, view in enumerate(views):
+        np.testing.assert_array_equal(
+            pixels.moving(view, view_levels(view)) & ~hidden[t], far(shown[t], median)
+        )
+    moves = np.array([far(picture, median) for picture in shown])
+    np.testing.assert_array_equal(pixels.static(views[0]), ~moves.any(axis=0))
+    assert pixels.static(views[0])[0, :2].all()
 
 
 @pytest.mark.parametrize("moving", [True, False])

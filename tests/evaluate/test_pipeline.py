@@ -1,6 +1,7 @@
 """Which pixels an evaluation counts."""
 
 import dataclasses
+import json
 
 import numpy as np
 import pytest
@@ -9,9 +10,11 @@ import toy
 from gaussray.camera.lens import Pinhole
 from gaussray.capture.formats.paired import read_capture
 from gaussray.capture.frames import read_encoded
+from gaussray.capture.picture_file import read_levels
 from gaussray.dataset.images import write_image
-from gaussray.evaluate import picture_scores
+from gaussray.evaluate import picture_scores, pipeline
 from gaussray.evaluate.masks import visible_mask
+from gaussray.evaluate.metrics import ssim
 from gaussray.evaluate.options import EvaluateOptions
 from gaussray.evaluate.pipeline import evaluate
 from gaussray.render.options import RenderOptions
@@ -27,23 +30,24 @@ def capture(tmp_path_factory):
     folder = toy.write_capture(tmp_path_factory.mktemp("capture"), toy.scene(speed=0), times=(0.0,))
     whole = read_capture(folder)
 
-    def folded(views):
-        lens = views[0].camera.lens
-        bent = Pinhole(lens.focal, lens.center, [-0.6, 0.0, 0.0, 0.0])
-        return [
-            dataclasses.replace(view, camera=dataclasses.replace(view.camera, lens=bent))
-            for view in views
-        ]
-
-    return whole.with_views(folded)
+    return whole.with_views(bent_views)
 
 
-def scores(capture, out):
+def bent_views(views):
+    lens = views[0].camera.lens
+    bent = Pinhole(lens.focal, lens.center, [-0.6, 0.0, 0.0, 0.0])
+    return [
+        dataclasses.replace(view, camera=dataclasses.replace(view.camera, lens=bent))
+        for view in views
+    ]
+
+
+def scores(capture, out, options=None):
     report = evaluate(
         toy.scene(speed=0),
         capture,
         out,
-        options=EvaluateOptions(),
+        options=options or EvaluateOptions(),
         render=RenderOptions(samples=1),
         trace=toy.TRACE,
         quiet=True,
@@ -85,3 +89,112 @@ def test_ssim_is_the_same_whether_a_corner_has_a_ray_or_not(capture, tmp_path, m
     assert found[2]["ssim_masked"] == pytest.approx(found[0]["ssim"], abs=CLOSE)
     # One that reaches further in does count.
     assert found[7]["ssim"] != pytest.approx(found[0]["ssim"], abs=CLOSE)
+
+
+def masked(folder, hidden, dark=()):
+    """A capture whose masks hide columns at the left of each picture, or all of some, and whose
+    pictures are darker than the scene."""
+    content = json.loads((folder / "transforms.json").read_text())
+    for frame in content["frames"]:
+        white = np.full((toy.SIZE, toy.SIZE), 255, np.uint8)
+        white[:, :hidden] = 0
+        white[:] *= frame["camera"] not in dark
+        frame["mask_path"] = f"masks/{frame['camera']}.png"
+        (folder / "masks").mkdir(exist_ok=True)
+        write_image(folder / frame["mask_path"], white)
+    (folder / "transforms.json").write_text(json.dumps(content))
+    capture = read_capture(folder)
+    for view in capture.views:
+        write_image(view.image, read_encoded(view) // 2)
+    return capture
+
+
+def spoil(views, hidden):
+    """Invert what the masks hide."""
+    for view in views:
+        picture = read_encoded(view).copy()
+        picture[:, :hidden] = 255 - picture[:, :hidden]
+        write_image(view.image, picture)
+
+
+@pytest.mark.parametrize("bent", [False, True])
+def test_only_white_pixels_of_a_mask_count(tmp_path, bent):
+    folder, hidden = tmp_path / "capture", toy.SIZE // 2
+    toy.write_capture(folder, toy.scene(speed=0), times=(0.0,))
+    truth = masked(folder, hidden)
+    if bent:
+        truth = truth.with_views(bent_views)
+    (view,) = [view for view in truth.views if view.split == "test"]
+    before = scores(truth, tmp_path / "before")
+    assert np.isfinite(before["psnr"])
+    whole = read_encoded(view)
+    spoil([view], hidden)
+    after = scores(truth, tmp_path / "after")
+    assert {k: v for k, v in after.items() if "ssim" not in k and k != "fps"} == {
+        k: v for k, v in before.items() if "ssim" not in k and k != "fps"
+    }
+    stored = read_levels(tmp_path / "after/pinhole/cam_3_0.0000.png", 3 * toy.SIZE, toy.SIZE)
+    real, ours, difference = (stored[:, k * toy.SIZE : (k + 1) * toy.SIZE] for k in range(3))
+    assert not difference[:, :hidden].any() and (real[:, :hidden] != ours[:, :hidden]).any()
+    if not bent:
+        error = np.mean((whole[:, hidden:].astype(float) - ours[:, hidden:]) ** 2) / 255**2
+        assert after["psnr"] == pytest.approx(-10 * np.log10(error), abs=CLOSE)
+        # Windows of SSIM reach into hidden pixels: the mean is over white ones alone.
+        white = np.arange(toy.SIZE) >= hidden + np.zeros((toy.SIZE, 1))
+        assert after["ssim"] == pytest.approx(ssim(real, ours, white), abs=CLOSE)
+        assert after["ssim"] != pytest.approx(ssim(real, ours), abs=0.01)
+
+
+def test_what_a_mask_hides_neither_moves_nor_flickers(tmp_path):
+    folder, hidden = tmp_path / "capture", toy.SIZE // 2
+    toy.write_capture(folder, toy.scene(speed=0), times=toy.TIMES)
+    truth = masked(folder, hidden)
+    before = scores(truth, tmp_path / "before")
+    assert before["flicker"] == before["flicker_truth"] == 0 and "psnr_moving" not in before
+    spoil(truth.views[::2], hidden)
+    after = scores(truth, tmp_path / "after")
+    assert after["flicker"] == after["flicker_truth"] == 0 and "psnr_moving" not in after
+    assert after["psnr"] == pytest.approx(before["psnr"], abs=CLOSE)
+
+
+def test_a_picture_that_is_hidden_has_no_score(tmp_path):
+    folder = tmp_path / "capture"
+    toy.write_capture(folder, toy.scene(speed=0), times=(0.0,))
+    first, *_ = names = [view.camera_name for view in read_capture(folder).views]
+    options = EvaluateOptions(split="all")
+    hidden = scores(masked(folder, 4, [first]), tmp_path / "a", options)
+    others = scores(masked(folder, 4, names), tmp_path / "b", options)
+    lines = [json.loads(x) for x in (tmp_path / "a/scores.jsonl").read_text().splitlines()]
+    assert ["psnr" in x for x in lines] == [x["camera"] != first for x in lines]
+    known = [x["psnr"] for x in lines if "psnr" in x]
+    assert hidden["psnr"] == pytest.approx(np.mean(known), abs=CLOSE)
+    assert "psnr" not in others and others["frames"] == len(names)
+
+
+def test_a_perceptual_metric_is_a_mean_over_what_is_shown(tmp_path, monkeypatch):
+    folder, hidden = tmp_path / "capture", toy.SIZE // 4
+    toy.write_capture(folder, toy.scene(speed=0), times=(0.0,))
+    truth = masked(folder, hidden)
+
+    def flip(real, ours, shown):
+        errors = blurred(np.abs(real.astype(float) - ours).mean(axis=-1))
+        return float(errors.mean() if shown is None else errors[shown].mean())
+
+    monkeypatch.setattr(pipeline, "perceptual_metrics", lambda: {"flip": flip})
+    (view,) = [view for view in truth.views if view.split == "test"]
+    whole = read_encoded(view)
+    spoil([view], hidden)
+    found = scores(truth, tmp_path / "out")["flip"]
+    stored = read_levels(tmp_path / "out/pinhole/cam_3_0.0000.png", 3 * toy.SIZE, toy.SIZE)
+    ours = stored[:, toy.SIZE : 2 * toy.SIZE]
+    errors = np.abs(whole.astype(float) - ours).mean(axis=-1)
+    errors[:, :hidden] = 0
+    assert found == pytest.approx(blurred(errors)[:, hidden:].mean(), abs=CLOSE)
+    # The error spreads to what is hidden.
+    assert blurred(errors)[:, :hidden].any()
+
+
+def blurred(errors):
+    """Means over five columns."""
+    padded = np.pad(errors, ((0, 0), (2, 2)))
+    return np.mean([padded[:, k : k + errors.shape[1]] for k in range(5)], axis=0)

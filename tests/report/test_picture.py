@@ -53,6 +53,14 @@ def test_the_difference_map_is_black_where_nothing_differs_and_light_from_the_en
     assert HEAT[0] < tuple(found[0, 1]) < HEAT[-1]
 
 
+def test_the_difference_map_is_black_where_a_mask_hides_the_picture():
+    truth, shown = noise(16), np.arange(16) < 6 + np.zeros((16, 1))
+    known = np.where(shown[..., None], 255 - truth, truth)
+    figure = comparison_figure(truth, 255 - truth, [], shown=shown, most=9_000)
+    assert embedded_image(error_map(truth, known), 9_000) in figure
+    assert embedded_image(255 - truth, 9_000) in figure  # the rendering is as it is
+
+
 def test_names_of_cameras_are_escaped_and_sliders_named():
     evil, picture = "<img src=x onerror=alert(1)>", noise(8)
     shown = comparison_figure(picture, picture, [evil], most=9_000)
