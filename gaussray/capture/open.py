@@ -15,6 +15,7 @@ from gaussray.capture.distant_origin import read_near_origin
 from gaussray.capture.errors import CaptureError, CaptureWarning
 from gaussray.capture.formats.actorshq import CALIBRATION_FILE, is_actorshq, read_actorshq
 from gaussray.capture.formats.alicevision import alicevision_file, read_alicevision
+from gaussray.capture.formats.bundler import BUNDLE_FILES, LIST_FILES, bundler_file, read_bundler
 from gaussray.capture.formats.colmap import read_colmap
 from gaussray.capture.formats.colmap_files import PLACES, model_folder
 from gaussray.capture.formats.colmap_project import project_folder
@@ -76,6 +77,7 @@ FORMATS: dict[str, Callable[[Path | str, DTypeLike], Capture]] = {
     "alicevision": read_alicevision,
     "opensfm": read_opensfm,
     "openmvg": read_openmvg,
+    "bundler": read_bundler,
     "middlebury": read_middlebury,
     "record3d": read_record3d,
     "sevenscenes": read_sevenscenes,
@@ -101,6 +103,7 @@ FORMAT_FILES = {
     "alicevision": "a file *.sfm of AliceVision or Meshroom, and pictures",
     "opensfm": f"{' or '.join(RECONSTRUCTION_FILES)}, and pictures in images/",
     "openmvg": f"{SFM_DATA_FILES[0]} of OpenMVG, and pictures",
+    "bundler": f"{BUNDLE_FILES[0]} of Bundler, {LIST_FILES[0]} and pictures",
     "middlebury": f"{PAR_FILE} with K, R and t of each picture, and pictures",
     "record3d": f"{METADATA_FILES[0]} of Record3D, and pictures in rgb/",
     "sevenscenes": f"{POSE_FILES}, frame-*.color.png or .jpg, and camera-intrinsics.txt",
@@ -119,6 +122,7 @@ _MASKED = (
     "alicevision",
     "opensfm",
     "openmvg",
+    "bundler",
     "middlebury",
     "record3d",
     "sevenscenes",
@@ -210,8 +214,8 @@ def format_of(folder: Path | str) -> str:
     JSON files come first (a model of COLMAP beside them is what they were made from; those of
     splits before one of all frames, with a warning), then poses_bounds.npy with videos, then
     COLMAP, then poses_bounds.npy with pictures, then the XML file of Metashape, then projections of
-    IDR and NeuS, then projects of AliceVision, OpenSfM and OpenMVG, then Middlebury's cameras and
-    Record3D's, then poses of 7-Scenes, KITTI, TUM and EuRoC.
+    IDR and NeuS, then projects of AliceVision, OpenSfM, OpenMVG and Bundler, then Middlebury's
+    cameras and Record3D's, then poses of 7-Scenes, KITTI, TUM and EuRoC.
 
     Raises:
         CaptureError: the folder holds files of no format.
@@ -278,6 +282,7 @@ def _format(folder: Path) -> str | None:
         "alicevision": alicevision_file,
         "opensfm": opensfm_file,
         "openmvg": openmvg_file,
+        "bundler": bundler_file,
         "middlebury": middlebury_file,
         "record3d": record3d_file,
         "sevenscenes": sevenscenes_file,

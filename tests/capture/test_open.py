@@ -38,7 +38,7 @@ def lay(folder, name, content):
 def test_every_format_has_a_reader_and_says_what_it_needs():
     known = {"paired", "splits", "neural3d", "llff", "dynamic3dgs", "nerfies", "pinf", "colmap"}
     known |= {"metashape", "neus", "immersive", "technicolor", "actorshq"}
-    known |= {"alicevision", "opensfm", "openmvg", "middlebury", "record3d"}
+    known |= {"alicevision", "opensfm", "openmvg", "bundler", "middlebury", "record3d"}
     known |= {"sevenscenes", "kitti", "tum", "euroc"}
     assert FORMATS.keys() == FORMAT_FILES.keys() == known
 
@@ -265,8 +265,8 @@ def test_a_background_that_there_is_not_lists_those_that_are(folder):
     [
         (
             "capture.format=ns",
-            "metashape, neus, alicevision, opensfm, openmvg, middlebury, record3d, sevenscenes, "
-            "kitti, tum, euroc, got 'ns'",
+            "metashape, neus, alicevision, opensfm, openmvg, bundler, middlebury, record3d, "
+            "sevenscenes, kitti, tum, euroc, got 'ns'",
         ),
         ("capture.format=null", "capture.format must be a text, got None"),
         ("capture.format=colmap", "must hold cameras and images"),

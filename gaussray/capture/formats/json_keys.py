@@ -37,6 +37,10 @@ class Keys:
     def where(self) -> str:
         return f"{self.file}" + ("" if self.frame is None else f", {self.kind} {self.frame}")
 
+    def name_of(self, key: str) -> str:
+        """What messages call a value: its file, its frame and its key."""
+        return f"{self.where}: {self.prefix}{key}"
+
     def error(self, key: str, rule: str, remedy: str = "") -> CaptureError:
         """The error of a key that breaks its rule, with file, frame, the value and the remedy.
 
@@ -47,9 +51,7 @@ class Keys:
         """
         value = repr(self.values[key]) if key in self.values else "nothing"
         value = value if len(value) <= 200 else value[:200] + "..."
-        return CaptureError(
-            f"{self.where}: {self.prefix}{key} must be {rule}, got {value}. {remedy}".rstrip()
-        )
+        return CaptureError(f"{self.name_of(key)} must be {rule}, got {value}. {remedy}".rstrip())
 
     def warn(self, message: str) -> None:
         warnings.warn(f"{self.where}: {message}", CaptureWarning, stacklevel=3)
@@ -143,7 +145,7 @@ class Keys:
             CaptureError: it names no file in the folder of the JSON file.
         """
         try:
-            return inside(self.file.parent, self.text(key), f"{self.where}: {self.prefix}{key}")
+            return inside(self.file.parent, self.text(key), self.name_of(key))
         except CaptureError:
             raise
         except ValueError as error:

@@ -7,16 +7,19 @@ from pathlib import Path
 from typing import Any
 
 from gaussray.capture.formats.actorshq import CALIBRATION_FILE
+from gaussray.capture.formats.bundler import BUNDLE_FILES
 from gaussray.capture.formats.colmap_files import PLACES
 from gaussray.capture.formats.euroc import euroc_near_miss
 from gaussray.capture.formats.immersive import MODELS_FILE
 from gaussray.capture.formats.kitti import kitti_near_miss
 from gaussray.capture.formats.nerfies import DATASET_FILE
-from gaussray.capture.formats.picture_folder import folders_in, media_folder
+from gaussray.capture.formats.picture_folder import folders_in, media_folder, media_in
 from gaussray.capture.formats.pinf import INFO_FILE
 from gaussray.capture.formats.sevenscenes import sevenscenes_near_miss
+from gaussray.capture.formats.sfm_project import head_of
 from gaussray.capture.formats.transforms import PINHOLE_FILE, json_if_readable
 from gaussray.capture.formats.tum import tum_near_miss
+from gaussray.capture.side_folders import holds_other_maps
 from gaussray.io.safe.files import opened
 
 
@@ -25,10 +28,11 @@ _DATA = (".json", ".txt", ".npy", ".npz", ".xml", ".csv", ".yml", ".yaml", ".tom
 _EASY_FILES = ("intri.yml", "intrinsic.yml")
 # What the other calibrations hold that `gaussray prepare` reads, by the end of their names: those
 # of Anipose, Caliscope and Pose2Sim, Qualisys, Kalibr, Panoptic Studio, and stereo calibrations.
-_QUALISYS, _KALIBR = (rb"<intrinsic\b", rb"<transform\b"), (rb"^cam\d+:", rb"^\s+camera_model:")
+_QUALISYS = (rb"<intrinsic\b", rb"<transform\b")
+_KALIBR = (rb"^cam\d+:", rb"^[ \t]+camera_model:")
 _STEREO = (rb"opencv", rb"^R:", rb"^T:")
 _CALIBRATIONS = (
-    (".toml", (rb"^\s*matrix\s*=", rb"^\s*rotation\s*=")),
+    (".toml", (rb"^[ \t]*matrix[ \t]*=", rb"^[ \t]*rotation[ \t]*=")),
     (".qca.txt", _QUALISYS),
     (".xml", _QUALISYS),
     (".xml", (rb"<opencv_storage", rb"<R\b", rb"<T\b")),
@@ -39,6 +43,12 @@ _CALIBRATIONS = (
     (".json", (rb'"cameras"\s*:\s*\[', rb'"K"\s*:', rb'"R"\s*:')),
     (".npz", (rb"\bR\.npy", rb"\bT\.npy")),
     (".dat", (rb"^R:", rb"^T:")),
+)
+# Words in a calibration that may be a camera's name: in quotes, in a list, at the start of a line.
+_NAMES = re.compile(
+    r"""["']([^"'\n]+)["']"""
+    r"""|^[ \t]*-[ \t]*([\w.-]+)[ \t\r]*$|^[ \t]*\[?([\w.-]+)\]?(?::|[ \t\r]*$)""",
+    re.MULTILINE,
 )
 # Files that formats have, whatever they hold here.
 _FORMAT_NAMES = {CALIBRATION_FILE, DATASET_FILE, INFO_FILE, MODELS_FILE}
@@ -77,6 +87,7 @@ def remedy_for(folder: Path, is_capture: Callable[[Path], bool]) -> str:
         _pointer,
         _model_without_poses,
         _binary_project,
+        _visual_sfm,
         _calibration_of_other_tool,
         _near_miss,
         _pictures_without_poses,
@@ -104,12 +115,17 @@ def _easymocap(folder: Path) -> str:
     if file is None or not file.is_file():
         return ""
     outer = [place for place in folders_in(folder) if any(p.is_dir() for p in place.iterdir())]
-    outer.sort(key=lambda place: place.name != "images")
-    videos = outer[0] if outer else folder / "images"
+    outer.sort(
+        key=lambda place: (
+            place.name != "images",
+            -sum(len(media_in(inner)) for inner in folders_in(place)),
+        )
+    )
+    videos = _folder_of_cameras(folder, file) or next(iter(outer), folder / "images")
     return (
         f"`gaussray prepare videos={videos} poses.calibration={folder} out=OUT` makes one of "
-        f"the layout of EasyMocap and EasyVolcap ({file.name}). The folder must hold a folder "
-        "or a video of each camera, by the camera's name."
+        f"the layout of EasyMocap and EasyVolcap ({file.name}). The folder must hold a folder, "
+        "a video or a still picture of each camera, by the camera's name."
     )
 
 
@@ -162,17 +178,46 @@ def _binary_project(folder: Path) -> str:
     return ""
 
 
+def _visual_sfm(folder: Path) -> str:
+    """Of a model of VisualSFM."""
+    file = next((path for path in sorted(folder.glob("*.nvm")) if path.is_file()), None)
+    if file is None:
+        return ""
+    return (
+        f"{file.name} of VisualSFM has poses that are not read, for no lens here has its "
+        f"distortion. {_new_poses(media_folder(folder))}; a model of COLMAP and {BUNDLE_FILES[0]} "
+        "of Bundler are read."
+    )
+
+
 def _calibration_of_other_tool(folder: Path) -> str:
     """Of a calibration that `gaussray prepare` reads."""
     calibration = _calibration_in(folder)
     if calibration is None:
         return ""
+    videos = _folder_of_cameras(folder, calibration) or media_folder(folder)
     return (
-        f"`gaussray prepare videos={media_folder(folder) or 'VIDEOS'} "
+        f"`gaussray prepare videos={videos or 'VIDEOS'} "
         f"poses.calibration={calibration} out=OUT` makes one with the calibration in it. The "
         "folder of the videos must hold a folder or a video of each camera, by the camera's name "
         "(left and right of a stereo calibration)."
     )
+
+
+def _folder_of_cameras(folder: Path, calibration: Path) -> Path | None:
+    """The folder that holds pictures, videos or folders of these by most of the names in a
+    calibration; None if none holds those of two cameras.
+
+    Args:
+        folder: where to look, also in its folders and in theirs.
+        calibration: its names are words in quotes, in a list of YAML, or at the start of a line.
+    """
+    text = head_of(calibration).decode("utf-8", "replace")
+    names = {word.casefold() for found in _NAMES.findall(text) for word in found if word}
+    places = [place for place in (folder, *folders_in(folder)) if not holds_other_maps(place)]
+    counts = [len(names & {path.stem.casefold() for path in media_in(p)}) for p in places]
+    most = max(counts, default=0)
+    return places[counts.index(most)] if most > 1 else None
 
 
 def _near_miss(folder: Path) -> str:

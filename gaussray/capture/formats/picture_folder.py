@@ -60,5 +60,14 @@ def media_folder(folder: Path) -> Path | None:
     return named[0] if named else holding[0] if len(holding) == 1 else min(parents)
 
 
+def media_in(folder: Path) -> list[Path]:
+    """The pictures and videos in a folder, and the folders that hold some."""
+    return [
+        path
+        for path in sorted(folder.iterdir())
+        if (_holds_media(path) if path.is_dir() else path.suffix.lower() in _MEDIA)
+    ]
+
+
 def _holds_media(folder: Path) -> bool:
     return any(path.suffix.lower() in _MEDIA for path in folder.iterdir() if path.is_file())

@@ -67,7 +67,7 @@ def with_found_pictures(frames: list[Keys]) -> list[Keys]:
     if spelt:
         old, new = next(iter(spelt.items()))
         first.warn(
-            f"no picture is where file_path says. {len(spelt)} of {len(names)} are found if their "
+            f"no picture is where the path says. {len(spelt)} of {len(names)} are found if their "
             f"names are spelt otherwise ({new} for {old}), and are read there."
         )
         return [_with_spellings(frame, spelt) for frame in frames]
@@ -81,7 +81,7 @@ def with_found_pictures(frames: list[Keys]) -> list[Keys]:
         return frames
     before, place = move.before, move.places[0]
     first.warn(
-        f"no picture is where file_path says. {move.count} of {len(names)} are found if "
+        f"no picture is where the path says. {move.count} of {len(names)} are found if "
         f"{_change(before, place)}, and are read there."
     )
     lists = {

@@ -19,7 +19,10 @@ _GRAY = 0.5
 
 
 def given_points(
-    top: Keys, key: str, positions: Sequence[Any], colors: Sequence[Any] | None
+    top: Keys,
+    key: str,
+    positions: Sequence[Any] | np.ndarray,
+    colors: Sequence[Any] | np.ndarray | None,
 ) -> Points | None:
     """The points of a project; None if it has none.
 
@@ -33,7 +36,7 @@ def given_points(
         CaptureError: a point has other numbers.
     """
     within(top.file, "the millions of points", len(positions), "points", 1e6)
-    if not positions:
+    if not len(positions):
         return None
     place = counted_positions(_triples(top, key, "position", positions)).astype(np.float32)
     if colors is None:
@@ -47,7 +50,7 @@ def given_points(
 
 
 def _triples(
-    top: Keys, key: str, name: str, values: Sequence[Any]
+    top: Keys, key: str, name: str, values: Sequence[Any] | np.ndarray
 ) -> Float[np.ndarray, "points 3"]:
     """Three numbers of each point, which fit into 32 bits."""
     table = _table(values)
@@ -57,13 +60,17 @@ def _triples(
     raise _point(top, key, name, wrong, values).error(name, "three finite numbers")
 
 
-def _point(top: Keys, key: str, name: str, index: int, values: Sequence[Any]) -> Keys:
+def _point(top: Keys, key: str, name: str, index: int, values: Sequence[Any] | np.ndarray) -> Keys:
     """The keys of a point, for the message about one of them."""
-    return Keys(top.file, {name: values[index]}, index, f"{key}: ", "point")
+    value = values[index]
+    value = value.tolist() if isinstance(value, np.ndarray) else value
+    return Keys(top.file, {name: value}, index, f"{key}: ", "point")
 
 
 def _table(values: Any) -> np.ndarray:
     """The numbers in a list, or in a list of lists; none if it has something else."""
+    if isinstance(values, np.ndarray):
+        return values
     try:
         table = np.array(values, np.float64)
     except (TypeError, ValueError, OverflowError):

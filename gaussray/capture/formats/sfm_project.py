@@ -17,9 +17,10 @@ from gaussray.capture.errors import CaptureError
 from gaussray.capture.formats.completion import completed
 from gaussray.capture.formats.json_keys import Keys
 from gaussray.capture.formats.picture_folder import media_folder
+from gaussray.capture.formats.picture_places import absent_picture_hint
 from gaussray.capture.formats.poses import opengl_pose
 from gaussray.capture.formats.transforms import json_if_readable, views_of
-from gaussray.capture.picture_file import picture_exists
+from gaussray.capture.picture_file import picture_exists, picture_size
 from gaussray.capture.points import Points
 from gaussray.io.safe.files import opened
 from gaussray.io.safe.limits import within
@@ -55,15 +56,18 @@ class Photograph(NamedTuple):
 
     Args:
         path: the picture's path, as the project has it.
-        lens: keys of its lens, as in a transforms.json.
+        lens: keys of its lens, as in a transforms.json. Without `w` and `h`, these are the size of
+            the picture, in the middle of which the axis is.
         turn: rotation, camera to world, of a camera with OpenCV's axes.
         place: where the camera is.
+        listed: the file and the line that name the picture, for messages; empty: the project's.
     """
 
     path: str
     lens: Mapping[str, Any]
     turn: Float[np.ndarray, "3 3"]
     place: Sequence[float]
+    listed: str = ""
 
 
 def lens_remedy(tool: str, export: str) -> str:
@@ -183,6 +187,7 @@ def project_capture(
 
     Raises:
         CaptureError: no photograph has a pose, two are of one picture, or a camera is invalid.
+        FileNotFoundError: no picture exists that would tell the size of lenses without one.
     """
     within(top.file, "the pictures", len(listed), "frames")
     posed = [photograph for photograph in listed if photograph is not None]
@@ -196,6 +201,7 @@ def project_capture(
     if len(posed) < len(listed):
         top.warn(f"{len(listed) - len(posed)} of {len(listed)} pictures have no pose: left out.")
     images = _images(folder, top, posed)
+    posed = _with_sizes(folder, top, posed, images)
     names = distinct_names(top, folder, images)
     frames = []
     for k, (name, photograph) in enumerate(zip(names, posed, strict=True)):
@@ -215,8 +221,13 @@ def _images(folder: Path, top: Keys, posed: Sequence[Photograph]) -> list[Path]:
     home = folder.resolve()
 
     def sought(names: Iterable[str]) -> list[Path]:
-        frames = [
-            Keys(folder / top.file.name, {**photograph.lens, "file_path": name}, k, kind="picture")
+        # Sizes, which may not be known yet, say nothing of where pictures are.
+        frames: list[Keys] = [
+            _Listed(
+                folder / top.file.name,
+                {"w": 1, "h": 1, "file_path": name},
+                place=_place(top, k, photograph),
+            )
             for k, (name, photograph) in enumerate(zip(names, posed, strict=True))
         ]
         return [frame.inside("file_path") for frame in completed(frames)]
@@ -226,6 +237,50 @@ def _images(folder: Path, top: Keys, posed: Sequence[Photograph]) -> list[Path]:
         # They exist where the project says: the message tells how they can be used.
         return sought(photograph.path for photograph in posed)
     return paths
+
+
+@dataclasses.dataclass(frozen=True)
+class _Listed(Keys):
+    """The keys of a picture, which messages name by the place that lists it."""
+
+    place: str = ""
+
+    @property
+    def where(self) -> str:
+        return self.place
+
+    def name_of(self, key: str) -> str:
+        return f"{self.place}: the picture"
+
+
+def _place(top: Keys, index: int, photograph: Photograph) -> str:
+    """Where a picture is listed, for messages."""
+    return photograph.listed or f"{top.file}, picture {index}"
+
+
+def _with_sizes(
+    folder: Path, top: Keys, posed: Sequence[Photograph], images: Sequence[Path]
+) -> list[Photograph]:
+    """The photographs, with size and axis of lenses that have none; absent pictures, which are left
+    out later, have the size of one that exists."""
+    unknown = [k for k, photograph in enumerate(posed) if "w" not in photograph.lens]
+    sizes = {k: picture_size(images[k]) for k in unknown if picture_exists(images[k])}
+    if unknown and not sizes:
+        name = posed[unknown[0]].path
+        remedy = "Copy the pictures there, or correct the names."
+        raise FileNotFoundError(
+            f"{_place(top, unknown[0], posed[unknown[0]])}: must name a picture, got {name!r}: "
+            f"neither it nor another one of the list is in {folder}."
+            f"{absent_picture_hint(folder, [name], remedy)}"
+        )
+    sized = []
+    for k, photograph in enumerate(posed):
+        if "w" not in photograph.lens:
+            width, height = sizes.get(k) or next(iter(sizes.values()))
+            size = {"w": width, "h": height, "cx": width / 2, "cy": height / 2}
+            photograph = photograph._replace(lens={**photograph.lens, **size})
+        sized.append(photograph)
+    return sized
 
 
 def _path_in(home: Path, name: str) -> str:

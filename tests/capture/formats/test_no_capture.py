@@ -1,10 +1,12 @@
 """Folders that are no capture: what is in them decides what the message says to do."""
 
 import json
+import time
 
 import pytest
 
 from gaussray.capture.errors import CaptureError
+from gaussray.capture.formats import no_capture
 from gaussray.capture.open import open_capture
 
 
@@ -19,7 +21,10 @@ def lay(folder, *files):
 TOML = "[cam_0]\nmatrix = [[1.0]]\nrotation = [0.0, 0.0, 0.0]\n"
 QUALISYS = '<cameras><camera serial="1"><transform x="1"/><intrinsic x="1"/></camera></cameras>'
 KALIBR = "cam0:\n  camera_model: pinhole\n"
-PANOPTIC = json.dumps({"cameras": [{"name": "a", "K": [], "R": []}]})
+PANOPTIC = json.dumps({"cameras": [{"name": name, "K": [], "R": []} for name in "ab"]})
+NAMES = '%YAML:1.0\n---\nnames:\n  - "1"\n  - "11"\nK_1: !!opencv-matrix\n'
+# Pictures that no camera took, in a folder that comes first.
+TEXTURES = [("mesh/rock/2.jpg", ""), ("mesh/rock/a.obj", "")]
 POINTER = "version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 772721\n"
 STEREO = "%YAML:1.0\nR: !!opencv-matrix\n   rows: 3\nT: !!opencv-matrix\n"
 RUN = json.dumps({"command": "gaussray prepare videos=a out=b"})
@@ -39,6 +44,32 @@ RUN = json.dumps({"command": "gaussray prepare videos=a out=b"})
         ([("x/a/1.png", ""), ("x/b/1.png", "")], "prepare videos={}/x out=OUT` finds"),
         ([("images/1.png", ""), ("other/1.png", "")], "prepare videos={}/images out=OUT"),
         ([("intri.yml", ""), ("images/a/1.png", "")], "prepare videos={}/images poses.calib"),
+        (
+            [("intri.yml", NAMES), *TEXTURES, ("train/1.jpg", ""), ("train/11.jpg", "")]
+            + [("train/train/r_0.png", ""), ("masks/1/0.png", ""), ("masks/11/0.png", "")],
+            "prepare videos={}/train poses.calibration={} out",
+        ),
+        (
+            [("intri.yml", NAMES), *TEXTURES, ("films/1/0.png", ""), ("films/11/0.png", "")],
+            "prepare videos={}/films poses.calibration={} out",
+        ),
+        (
+            [("intri.yml", ""), *TEXTURES, ("train/1/0.png", ""), ("train/1/1.png", "")],
+            "prepare videos={}/train poses.calibration={} out",
+        ),
+        (
+            [("c.json", PANOPTIC), *TEXTURES, ("films/a.mp4", ""), ("films/b.mp4", "")],
+            "prepare videos={}/films poses.calibration={}/c.json out",
+        ),
+        (
+            [("rig.toml", TOML + TOML.replace("_0", "_1")), ("mesh/1.png", "")]
+            + [("films/cam_0.mp4", ""), ("films/cam_1.mp4", "")],
+            "prepare videos={}/films poses.calibration={}/rig.toml out",
+        ),
+        (
+            [("a.nvm", "NVM_V3"), ("images/1.jpg", "")],
+            "a.nvm of VisualSFM has poses that are not read.*videos={}/images out=OUT` finds",
+        ),
         ([("in/transforms.json", "{}")], "name {}/in, which is one"),
         ([("rgb/1.png", ""), ("depth/1.png", "")], "prepare videos={}/rgb out=OUT`"),
         ([("masks/1.png", "")], "prepare videos={}/masks out=OUT`"),
@@ -85,3 +116,20 @@ def test_what_a_folder_holds_decides_the_remedy(tmp_path, files, told):
     with pytest.raises(CaptureError, match=told.replace("{}", str(tmp_path))) as caught:
         open_capture(lay(tmp_path, *files))
     assert len(str(caught.value)) < 600 or "must hold the files of one format" in str(caught.value)
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_names_in_a_calibration_are_in_quotes_in_lists_and_at_starts_of_lines(end):
+    text = end.join(
+        ['"a b": 1', "  - c1  ", "- c-2", "[cam.3]", "  cam_4 ", "cam5: 1 2", "7 8", ""]
+    )
+    found = [word for names in no_capture._NAMES.findall(text) for word in names if word]
+    assert found == ["a b", "c1", "c-2", "cam.3", "cam_4", "cam5"]
+
+
+def test_blank_lines_take_no_time(tmp_path):
+    lay(tmp_path, ("a.toml", "\n" * 90_000), ("a.yaml", " \n" * 45_000), ("v/1.png", ""))
+    begin = time.perf_counter()
+    no_capture._NAMES.findall((tmp_path / "a.toml").read_text())
+    no_capture._calibration_in(tmp_path)
+    assert time.perf_counter() - begin < 1
