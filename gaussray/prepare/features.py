@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
+from gaussray.capture.picture_file import picture_size, read_levels
 from gaussray.prepare.colmap import pycolmap
 from gaussray.prepare.lens_models import MODEL_OF_CHOICE, LensKeyValues, start_focal, to_colmap
 from gaussray.prepare.options import PosesOptions
@@ -20,6 +21,8 @@ EXHAUSTIVE = 100
 _NEAR, _STRIDE = 12, 10
 # Pairs that are matched, and pictures in which features are found, between two reports of progress.
 _BLOCK, _PICTURES = 200, 16
+# `poses.features` that is recommended where pictures have more of them than are taken.
+MANY_FEATURES = 16384
 # Pairs from which on a line tells their number.
 _TOLD = 20
 
@@ -236,6 +239,37 @@ def median_features(database: Path) -> float:
     with pycolmap().Database.open(database) as db:
         numbers = [image.image_id for image in db.read_all_images()]
         return float(np.median([db.num_keypoints_for_image(number) for number in numbers]))
+
+
+def full_pictures(database: Path, most: int, masks: Path | None = None) -> frozenset[str]:
+    """Files of the pictures that have as many features as are taken, and may have more.
+
+    Args:
+        database: COLMAP database with the features.
+        most: the most that were taken. A feature with several directions is one of them, and one
+            in a black pixel of a mask, which is then left out, was.
+        masks: folder of masks (`extract_features`).
+    """
+    with pycolmap().Database.open(database) as db:
+        return frozenset(
+            image.name
+            for image in db.read_all_images()
+            if _distinct_features(db, image.image_id) >= most * _white_share(masks, image.name)
+        )
+
+
+def _distinct_features(db: Any, number: int) -> int:
+    if not db.num_keypoints_for_image(number):
+        return 0
+    return len(np.unique(db.read_keypoints(number)[:, :2], axis=0))
+
+
+def _white_share(masks: Path | None, file: str) -> float:
+    """The share of a picture that its mask leaves; of one that leaves nothing, all."""
+    if masks is None:
+        return 1.0
+    mask = masks / f"{file}.png"
+    return float(np.mean(read_levels(mask, *picture_size(mask)) > 0)) or 1.0
 
 
 def verified_matches(database: Path) -> dict[tuple[str, str], Int[np.ndarray, "m 2"]]:

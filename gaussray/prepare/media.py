@@ -10,7 +10,7 @@ from gaussray.capture.picture_file import read_levels
 from gaussray.capture.video_file import decoded_frames, upright
 from gaussray.capture.videos import frame_of, frame_path
 from gaussray.dataset.images import write_image
-from gaussray.prepare.photographs import copied_photograph, copy_changed
+from gaussray.prepare.photographs import copied_photograph, copy_changed, copy_stems
 from gaussray.prepare.sources import Source, check_frames
 from gaussray.prepare.timeline import Timeline
 from gaussray.runtime.progress import Progress
@@ -35,8 +35,10 @@ def copy_media(sources: Sequence[Source], timeline: Timeline, out: Path) -> dict
     for done, source in enumerate(sources, 1):
         index = timeline.frames[source.name]
         if not source.is_video:
-            folder = out / "images" / source.name
-            files[source.name] = [copied_photograph(source.pictures[i], folder) for i in index]
+            folder, stems = out / "images" / source.name, copy_stems(source.pictures)
+            files[source.name] = [
+                copied_photograph(source.pictures[i], folder, stems[i]) for i in index
+            ]
         elif source.is_even:
             copy = out / "videos" / f"{source.name}{source.path.suffix.lower()}"
             copy_changed(source.path, copy)

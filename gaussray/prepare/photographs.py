@@ -2,6 +2,8 @@
 
 import shutil
 import struct
+from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -46,7 +48,23 @@ def photograph_size(path: Path) -> tuple[int, int]:
     return spec.width, spec.height
 
 
-def copied_photograph(source: Path, folder: Path) -> Path:
+def copy_stems(pictures: Sequence[Path]) -> list[str]:
+    """Names without suffix of the copies of a folder's pictures, by which their cameras are called:
+    those of the pictures; where several would be the same, as of `a.jpg` and `a.png`, the whole
+    names of these."""
+    stems = [path.stem for path in pictures]
+    while True:
+        counts = Counter(map(str.lower, stems))
+        unique = [
+            path.name if counts[stem.lower()] > 1 else stem
+            for path, stem in zip(pictures, stems, strict=True)
+        ]
+        if unique == stems:
+            return stems
+        stems = unique
+
+
+def copied_photograph(source: Path, folder: Path, stem: str = "") -> Path:
     """Put a photograph into a folder, as a file that other tools read as it is seen.
 
     A file of a common format that stands upright is copied. One that its EXIF orientation turns
@@ -57,6 +75,7 @@ def copied_photograph(source: Path, folder: Path) -> Path:
     Args:
         source: the photograph.
         folder: folder of the copy.
+        stem: name of the copy without suffix (`copy_stems`); empty: that of the photograph.
 
     Returns:
         The path of the copy.
@@ -66,12 +85,15 @@ def copied_photograph(source: Path, folder: Path) -> Path:
         PrepareError: It is a HEIC file, and pillow-heif is not installed.
     """
     spec = None if source.suffix.lower() in HEIC_SUFFIXES else open_image(source).spec()
+    stem = stem or source.stem
+    # Where the output is the folder of the photographs, these stay as they are.
+    in_place = folder.exists() and folder.samefile(source.parent)
     if spec is not None and stored_orientation(spec) == 1:
-        target = folder / source.name
+        target = source if in_place else folder / f"{stem}{source.suffix}"
         copy_changed(source, target)
         return target
-    target = folder / f"{source.name}.jpg"
-    if not _is_of(target, source):
+    target = folder / f"{source.name if in_place else stem}.jpg"
+    if not (_is_of(target, source) and photograph_size(target) == photograph_size(source)):
         if spec is None:
             levels, tags = _heic_levels(source), _heic_tags(source)
         else:

@@ -63,6 +63,8 @@ class Placement:
             `keypoints` count those alone.
         more_instants: `frames.instants` that would find more matches of cameras that stand still; 0
             if there are none, or no further timestamps.
+        full_pictures: files of the pictures that may have more features than are taken; none where
+            MANY_FEATURES are.
         overlays: drawings over the pictures, whose matches were not used.
     """
 
@@ -74,6 +76,7 @@ class Placement:
     known: bool
     stride: int = 1
     more_instants: int = 0
+    full_pictures: frozenset[str] = frozenset()
     overlays: tuple[PictureOverlay, ...] = ()
 
 
@@ -139,7 +142,10 @@ def find_poses(
     placement = _placed(work, written, still, known, options, lenses is not None, once)
     total, used = len(timeline.times), options.frames.instants
     more = min(2 * used, total) if still and total > used else 0
-    return dataclasses.replace(placement, stride=stride, more_instants=more)
+    taken, full = options.poses.features, frozenset[str]()
+    if taken < features.MANY_FEATURES:
+        full = features.full_pictures(work / _FEATURES, taken, _masks_in(work))
+    return dataclasses.replace(placement, stride=stride, more_instants=more, full_pictures=full)
 
 
 def _check_features(database: Path) -> None:
@@ -185,6 +191,11 @@ def _write_pictures(
     return pictures
 
 
+def _masks_in(work: Path) -> Path | None:
+    masks = work / MASK_FOLDER
+    return masks if masks.is_dir() else None
+
+
 def _extract(
     work: Path,
     written: Sequence[MatchingPicture],
@@ -201,11 +212,8 @@ def _extract(
             f"poses.intrinsics must be own or auto for pictures of several sizes, got shared and "
             f"{sizes}."
         )
-    masks = work / MASK_FOLDER
     database = work / _FEATURES
-    features.extract_features(
-        database, work, list(groups.values()), options.poses, masks if masks.is_dir() else None
-    )
+    features.extract_features(database, work, list(groups.values()), options.poses, _masks_in(work))
     if lenses is not None:
         features.set_lenses(database, {p.file: lenses[p.camera, p.size] for p in written})
 

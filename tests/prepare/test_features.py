@@ -74,3 +74,29 @@ def test_features_lie_where_masks_are_white(tmp_path, painted):
     assert whole.max() > SIZE[0] / 2 + 20
     # Positions are refined after the mask has been looked at.
     assert len(half) > 50 and half.max() < SIZE[0] / 2 + 2
+
+
+def test_pictures_with_as_many_features_as_are_taken_are_told_from_others(tmp_path, painted):
+    pictures = written(tmp_path, [picture(arc(3)[1], painted)])
+    for most, reached in ((100, True), (8192, False)):
+        database = tmp_path / f"{most}.db"
+        options = PosesOptions(model="pinhole", features=most)
+        with quiet_colmap():
+            features.extract_features(database, tmp_path, [pictures], options)
+        full = {pictures[0].file} if reached else set()
+        assert features.full_pictures(database, most) == full
+
+
+def test_a_picture_of_which_a_mask_leaves_half_may_have_more_features(tmp_path, painted):
+    level = picture(arc(3)[1], painted)
+    pictures, masks = written(tmp_path, [level]), tmp_path / "masks"
+    mask = np.zeros_like(level)
+    mask[:, : SIZE[0] // 2] = 255
+    write_image(masks / "000/0000.png.png", mask)
+    for most, reached in ((100, True), (8192, False)):
+        database = tmp_path / f"{most}.db"
+        options = PosesOptions(model="pinhole", features=most)
+        with quiet_colmap():
+            features.extract_features(database, tmp_path, [pictures], options, masks)
+        full = {pictures[0].file} if reached else set()
+        assert features.full_pictures(database, most, masks) == full

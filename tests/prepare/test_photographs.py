@@ -1,5 +1,7 @@
 """Photographs as phones store them: sizes, tags of orientation, HEIC."""
 
+import os
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -8,7 +10,7 @@ from PIL.TiffImagePlugin import IFDRational
 from gaussray.capture.orientation import upright_pixels
 from gaussray.capture.picture_file import read_levels
 from gaussray.prepare.errors import PrepareError
-from gaussray.prepare.photographs import copied_photograph, photograph_size
+from gaussray.prepare.photographs import copied_photograph, copy_stems, photograph_size
 
 
 # Levels between a picture and its JPEG of quality 97, or its HEIC of quality 95: of smooth colours.
@@ -69,12 +71,61 @@ def test_an_upright_photograph_is_copied_as_it_is(tmp_path):
     assert copy.name == "a.jpg" and copy.read_bytes() == path.read_bytes()
 
 
+def test_copies_are_called_as_their_photographs_whether_or_not_they_are_turned(tmp_path):
+    turned, upright = tmp_path / "IMG_1.JPG", tmp_path / "IMG_2.JPG"
+    with_tag(turned, colours(), 6)
+    Image.fromarray(colours()).save(upright)
+    copies = [copied_photograph(path, tmp_path / "out") for path in (turned, upright)]
+    assert [copy.name for copy in copies] == ["IMG_1.jpg", "IMG_2.JPG"]
+    # Beside the photograph itself, which stays, a copy has another name.
+    (tmp_path / "a.jpg").write_bytes(turned.read_bytes())
+    assert copied_photograph(tmp_path / "a.jpg", tmp_path).name == "a.jpg.jpg"
+    assert (tmp_path / "a.jpg").read_bytes() == turned.read_bytes()
+
+
+def test_photographs_that_differ_in_their_suffix_alone_keep_two_names(tmp_path):
+    paths = [tmp_path / name for name in ("a.jpg", "A.png", "b.jpg")]
+    assert copy_stems(paths) == ["a.jpg", "A.png", "b"]
+    longer = [tmp_path / name for name in ("a.jpg", "a.png", "a.jpg.jpg", "a.jpg.jpg.png")]
+    assert copy_stems(longer) == ["a.jpg", "a.png", "a.jpg.jpg", "a.jpg.jpg.png"]
+    with_tag(paths[0], colours(), 6)
+    Image.fromarray(colours()).save(paths[1])
+    copies = [
+        copied_photograph(path, tmp_path / "out", stem)
+        for path, stem in zip(paths[:2], copy_stems(paths), strict=False)
+    ]
+    assert [copy.stem for copy in copies] == ["a.jpg", "A.png"]
+
+
+def test_photographs_of_the_output_folder_stay_as_they_are(tmp_path):
+    paths = [tmp_path / name for name in ("a.jpg", "a.png", "b.jpg")]
+    for path, orientation in zip(paths, (1, 1, 6), strict=True):
+        with_tag(path, colours(), orientation)
+    before = [path.read_bytes() for path in paths]
+    copies = [
+        copied_photograph(path, tmp_path, stem)
+        for path, stem in zip(paths, copy_stems(paths), strict=True)
+    ]
+    assert copies == [*paths[:2], tmp_path / "b.jpg.jpg"]
+    assert [path.read_bytes() for path in paths] == before
+
+
+def test_a_photograph_that_was_turned_since_is_copied_anew(tmp_path):
+    path, out = tmp_path / "a.jpg", tmp_path / "out"
+    with_tag(path, colours(), 1)
+    times = path.stat()
+    copied_photograph(path, out)
+    with_tag(path, colours(), 6)
+    os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
+    assert photograph_size(copied_photograph(path, out)) == (48, 64)
+
+
 def test_heic_becomes_jpeg(tmp_path):
     heif, path = pytest.importorskip("pillow_heif"), tmp_path / "IMG_1.HEIC"
     heif.from_bytes("RGB", (64, 48), colours().tobytes()).save(path, quality=95, chroma=444)
     assert photograph_size(path) == (64, 48)
     copy = copied_photograph(path, tmp_path / "out")
-    assert copy.name == "IMG_1.HEIC.jpg"
+    assert copy.name == "IMG_1.jpg"
     assert np.abs(read_levels(copy, 64, 48).astype(int) - colours()).max() <= 2 * NEAR
 
 

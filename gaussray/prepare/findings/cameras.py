@@ -26,10 +26,11 @@ def camera_findings(placement: Placement) -> list[Finding]:
         if model.focal_source == "lens"
         else "poses.lens=FILE or poses.fov=DEGREES if you know the lens; or give a calibration."
     )
-    more = " and ".join(more_matches(placement, missing))
+    more = more_matches(placement, missing)
+    finds = f"{' and '.join(more)} {'find' if len(more) > 1 else 'finds'} more matches; "
     remedy = (
         "Add cameras between their neighbours, or pictures with more texture; "
-        f"{more} {'find' if ' and ' in more else 'finds'} more matches; {lens}"
+        f"{finds if more else ''}{lens}"
     )
     if found < max(2, REGISTERED * total):
         text = f"only {found} of {total} pictures have a pose"

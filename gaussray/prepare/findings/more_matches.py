@@ -2,25 +2,29 @@
 
 from collections.abc import Sequence
 
-from gaussray.prepare.features import MatchingPicture
+from gaussray.prepare.features import MANY_FEATURES, MatchingPicture
 from gaussray.prepare.poses import Placement
 
 
-# Pixels below which a picture's width limits its features, and not `poses.features`.
+# Pixels below which wider pictures would have clearly more features.
 _SMALL = 800
 
 
 def more_matches(placement: Placement, pictures: Sequence[MatchingPicture]) -> list[str]:
-    """What would find more matches: a noun or a key each.
+    """What would find more matches: a noun or a key each; often nothing.
 
     Args:
-        placement: the cameras that stand still, and whether they have further timestamps.
+        placement: which pictures may have more features, which cameras stand still, and whether
+            they have further timestamps.
         pictures: those that lack matches, or no picture for all.
     """
     pictures = pictures or list(placement.pictures.values())
     smallest = min((max(picture.size) for picture in pictures), default=0)
-    wider = f"larger pictures (these have {smallest} pixels)"
-    found = [wider if smallest < _SMALL else "poses.features=16384"]
+    found = []
+    if any(picture.file in placement.full_pictures for picture in pictures):
+        found.append(f"poses.features={MANY_FEATURES}")
+    elif smallest < _SMALL:
+        found.append(f"larger pictures (these have {smallest} pixels)")
     if placement.more_instants and any(p.camera in placement.still for p in pictures):
         found.append(f"frames.instants={placement.more_instants}")
     return found

@@ -45,7 +45,7 @@ def point_findings(placement: Placement) -> list[Finding]:
         names = listed_pictures(weak, placement)
         text = f"{names}: fewer than {fewest} observations"
         more = ", ".join(more_matches(placement, weak))
-        remedy = f"Cameras closer to each other, more texture; {more}."
+        remedy = f"Cameras closer to each other, more texture{'; ' if more else ''}{more}."
         if placement.known:
             text += "; few points to check the pose with"
             remedy = f"Look at the epipolar lines. More points: {remedy[0].lower()}{remedy[1:]}"

@@ -59,16 +59,22 @@ def test_a_capture_without_points_is_doubtful():
 
 
 @pytest.mark.parametrize(("size", "wider"), [((400, 300), True), ((800, 600), False)])
+@pytest.mark.parametrize("features", [True, False])
 @pytest.mark.parametrize(("more", "told"), [(10, True), (0, False)])
-def test_keys_are_named_only_where_they_change_something(size, wider, more, told):
-    """Timestamps are left for cameras that stand still alone, and small pictures have fewer
-    features than are taken."""
+def test_keys_are_named_only_where_they_change_something(size, wider, features, more, told):
+    """Timestamps are left for cameras that stand still alone, and more features for pictures that
+    have as many as are taken."""
     found = placed([OBSERVATIONS, 3], 0.5)
     pictures = {f: MatchingPicture(f, p.camera, 0, size) for f, p in found.pictures.items()}
-    found = dataclasses.replace(found, pictures=pictures, more_instants=more)
+    # That the other picture has as many as are taken does not help this one.
+    full = frozenset(["1.png" if features else "0.png"])
+    found = dataclasses.replace(found, pictures=pictures, more_instants=more, full_pictures=full)
     (finding,) = point_findings(found)
-    assert ("larger pictures (these have 400 pixels)" in finding.remedy) == wider
-    assert ("poses.features=16384" in finding.remedy) == (not wider)
+    larger = wider and not features
+    assert ("larger pictures (these have 400 pixels)" in finding.remedy) == larger
+    assert ("poses.features=16384" in finding.remedy) == features
     assert ("frames.instants=10" in finding.remedy) == told
+    if not (larger or features or told):
+        assert finding.remedy == "Cameras closer to each other, more texture."
     (moving,) = point_findings(dataclasses.replace(found, still=frozenset()))
     assert "frames.instants" not in moving.remedy
