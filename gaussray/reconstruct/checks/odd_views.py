@@ -1,15 +1,11 @@
 """Single cameras whose poses contradict the pictures, while those of the others fit."""
 
-import warnings
-
 import numpy as np
-from skimage.measure import ransac
-from skimage.transform import FundamentalMatrixTransform
 
 from gaussray.capture.odd_cameras import JudgedPair, odd_cameras
 from gaussray.reconstruct.checks.matched_details import (
-    DetailMatch,
     PosedViews,
+    is_of_one_thing,
     line_offsets,
     nearest_pairs,
 )
@@ -20,10 +16,6 @@ _NEIGHBOURS = 3
 # Fewest matches of a pair that tell something, and median distances in pixels of reduced pictures
 # up to which they fit, and from which on they do not.
 _TELLING, _FITS, _OFF = 15, 1.5, 3.0
-# Matches are of one thing, and not of several that look alike, if so large a share of them and so
-# many fit any pose, to so many pixels. Eight always do.
-_SHARE, _MANY, _CLOSE = 0.6, 13, 1.5
-_ROUNDS = 300
 # Neighbours of a camera that are listed, at most.
 _LISTED = 3
 
@@ -37,7 +29,7 @@ def odd_views_sentence(views: PosedViews) -> str:
         if count < _TELLING:
             continue
         off = float(np.median(line_offsets(match, views.rotation, views.eye)))
-        if off <= _FITS or (off >= _OFF and _is_of_one_thing(match)):
+        if off <= _FITS or (off >= _OFF and is_of_one_thing(match)):
             pair = str(match.first), str(match.second)
             judged[pair], offs[pair] = JudgedPair(count, off <= _FITS), off
     odd = odd_cameras(judged)
@@ -65,23 +57,6 @@ def odd_views_sentence(views: PosedViews) -> str:
     if np.sum(views.footage.name[views.chosen] == name) > 1:
         return f"{text}."
     return f"{text}; to fit without it, hold it out: capture.test=['{name}']."
-
-
-def _is_of_one_thing(match: DetailMatch) -> bool:
-    """Whether the matches fit some pose, so that the one they do not fit is to blame."""
-    pixels = [side.pixel / side.step for side in (match.one, match.other)]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # it warns where nothing fits
-        _, fitting = ransac(
-            pixels,
-            FundamentalMatrixTransform,
-            min_samples=8,
-            residual_threshold=_CLOSE,
-            max_trials=_ROUNDS,
-            rng=0,
-        )
-    least = max(_MANY, _SHARE * len(pixels[0]))
-    return fitting is not None and int(np.count_nonzero(fitting)) >= least
 
 
 def _frame_name(views: PosedViews, view: str) -> str:

@@ -5,6 +5,7 @@ match and the line between both cameras lie in one plane if the poses are right.
 convention, or poses of other pictures, leave them tens of pixels off, which no fit can mend.
 """
 
+import math
 import warnings
 from typing import NamedTuple
 
@@ -25,6 +26,7 @@ from gaussray.reconstruct.checks.focal_check import (
 from gaussray.reconstruct.checks.matched_details import (
     DetailMatch,
     PosedViews,
+    is_of_one_thing,
     line_offsets,
     nearest_pairs,
 )
@@ -41,6 +43,11 @@ TURNED_COSINE = 0.97
 # the least number of matches: few may be wrong themselves, many are not. Wrong matches, and lenses
 # that are a little off, cost less.
 _WRONG = ((15, 10.0), (40, 4.0), (150, 1.5))
+# Of fewer matches than this a quarter must lie farther off than so many pixels, too: more than half
+# may be wrong themselves, but wrong poses leave next to none where they are.
+_FEW, _QUARTER = 40, 1.25
+# A pair with so many matches tells nothing unless most of them fit some pose.
+_JUDGED = 15
 # Poses must be read otherwise if they are more than so many pixels off, and other axes explain at
 # least so many matches (`explains`). Of eight captures five had matches in turned pairs: 0.3 to
 # 1.2 pixels with their own axes, 2.6 to 31 with others. With a lens that is off, too, other axes
@@ -70,6 +77,7 @@ class Misfit(NamedTuple):
         focal: the focal length with which they fit, with the poses as `PoseCheck.reading` has
             them; None if none is sought or found.
         joint: how poses must be read to fit with this focal length, where that alone tells nothing.
+        quarter: distance in pixels below which a quarter of the details lie, as the poses are.
     """
 
     matches: int
@@ -77,6 +85,7 @@ class Misfit(NamedTuple):
     others: dict[str, float]
     focal: FocalFit | None = None
     joint: str = ""
+    quarter: float = math.inf
 
     @property
     def reading(self) -> str:
@@ -99,6 +108,8 @@ class Misfit(NamedTuple):
             reading: how poses are read; empty: as they are.
         """
         error = self.others.get(reading, self.error)
+        if not reading and self.matches < _FEW and self.quarter <= _QUARTER:
+            return False
         return any(self.matches >= least and error > most for least, most in _WRONG)
 
 
@@ -144,7 +155,10 @@ class PoseCheck(NamedTuple):
             text += (
                 "Poses, lens or order may be those of other pictures, or two sides that look the "
                 "same were taken for one; what is fitted to them is blurred. fit.refine=[pose] "
-                "mends small errors; `gaussray prepare` finds the poses of the pictures anew."
+                "mends small errors; `gaussray prepare` finds poses anew, or, of cameras that "
+                "stand still, tells how far a calibration is off (poses.calibration=FILE). If "
+                "details merely look alike, as those of a pattern that repeats, the poses may be "
+                "right: keep them."
             )
         return text.rstrip()
 
@@ -200,10 +214,13 @@ def _checked(views: PosedViews) -> PoseCheck:
         }
         count = len(errors[""])
         medians = {name: float(np.median(x)) if count else 0.0 for name, x in errors.items()}
-        return Misfit(count, medians.pop(""), medians)
+        quarter = float(np.percentile(errors[""], 25)) if count else 0.0
+        return Misfit(count, medians.pop(""), medians, quarter=quarter)
 
     def near(most_alike: float) -> list[DetailMatch]:
-        return views.matches(evenly_spread(nearest_pairs(rotation, eye, most_alike), _PAIRS))
+        pairs = evenly_spread(nearest_pairs(rotation, eye, most_alike), _PAIRS)
+        found = views.matches(pairs)
+        return [x for x in found if len(x.one.ray) < _JUDGED or is_of_one_thing(x)]
 
     matched = near(1.0)
     found = PoseCheck(misfit(matched), misfit(near(TURNED_COSINE)))

@@ -13,7 +13,12 @@ from gaussray.capture.open import open_capture
 from gaussray.dataset.images import write_image
 from gaussray.reconstruct.checks import matched_details, pose_check as checked
 from gaussray.reconstruct.checks.focal_check import FocalFit
-from gaussray.reconstruct.checks.matched_details import PosedViews
+from gaussray.reconstruct.checks.matched_details import (
+    DetailMatch,
+    Details,
+    PosedViews,
+    is_of_one_thing,
+)
 from gaussray.reconstruct.checks.odd_views import odd_views_sentence
 from gaussray.reconstruct.checks.pose_check import (
     REMEDIES,
@@ -196,6 +201,48 @@ def test_poses_of_something_else_fit_in_no_reading(shown):
         warn_of_wrong_poses(shown("moved", moved))
 
 
+def with_mixed_matches(views, share):
+    """The views, of whose matches so large a share, in every pair, is of details that only look
+    alike, as those of a pattern that repeats."""
+    matched = views.matches
+
+    def mixed(pairs):
+        for match in matched(pairs):
+            count = len(match.other.ray)
+            order, wrong = np.arange(count), np.arange(int(share * count))
+            order[: len(wrong)] = np.random.default_rng(0).permutation(wrong)
+            yield match._replace(other=match.other.part(order))
+
+    views.matches = lambda pairs: list(mixed(pairs))
+    return views
+
+
+def test_right_poses_are_not_called_wrong_where_most_details_only_look_alike(shown, monkeypatch):
+    pictures = shown("alike_near", WRITTEN[""])
+    for share in (0.6, 0.8, 1.0):
+        views = with_mixed_matches(PosedViews(pictures), share)
+        monkeypatch.setattr(checked, "PosedViews", lambda _, views=views: views)
+        assert pose_check(pictures).sentence == ""
+    # Without a look at whether they are of one thing, they would be.
+    monkeypatch.setattr(checked, "is_of_one_thing", lambda _: True)
+    assert "do not fit together" in pose_check(pictures).sentence
+
+
+def test_wrong_poses_are_told_where_some_details_only_look_alike(shown, monkeypatch):
+    pictures = shown("alike_wrong", WRITTEN["opencv"])
+    views = with_mixed_matches(PosedViews(pictures), 0.3)
+    monkeypatch.setattr(checked, "PosedViews", lambda _: views)
+    assert pose_check(pictures).reading == "opencv"
+
+
+def test_few_details_of_which_a_quarter_lies_on_its_lines_tell_nothing():
+    nothing = Misfit(0, 0.0, dict.fromkeys(REMEDIES, 0.0))
+    for quarter, told in ((1.2, False), (1.3, True)):
+        near = Misfit(20, 16.0, dict.fromkeys(REMEDIES, 16.0), quarter=quarter)
+        assert bool(PoseCheck(near, nothing).sentence) == told
+    assert "the poses may be right: keep them" in PoseCheck(near, nothing).sentence
+
+
 def one_turned(index, degrees):
     """Poses of which one is turned upwards."""
     count = itertools.count()
@@ -270,3 +317,24 @@ def test_the_more_details_match_the_less_they_may_be_off(matches, error, wrong):
     nothing = Misfit(0, 0.0, dict.fromkeys(REMEDIES, 0.0))
     found = PoseCheck(Misfit(matches, error, dict.fromkeys(REMEDIES, error)), nothing)
     assert bool(found.sentence) == wrong
+
+
+@pytest.mark.parametrize(
+    ("matches", "right", "of_one_thing"),
+    [(20, 17, True), (100, 70, True), (200, 150, True), (40, 16, False), (200, 80, False)],
+)
+def test_matches_are_of_one_thing_if_most_fit_some_pose(matches, right, of_one_thing):
+    """Noise of 0.7 pixels in both views, through two lenses."""
+    rng = np.random.default_rng(matches)
+    point = rng.uniform([-1, -0.8, 2], [1, 0.8, 4], (matches, 3))
+    turn = np.array([[0.995, 0, 0.0998], [0, 1, 0], [-0.0998, 0, 0.995]])
+    seen = point, (point - [0.3, 0, 0]) @ turn.T
+    sides = []
+    for focal, place in zip((300.0, 250.0), seen, strict=True):
+        pixel = focal * place[:, :2] / place[:, 2:] + rng.normal(0, 0.7, (matches, 2))
+        if sides:
+            pixel[right:] = rng.uniform([-150, -115], [150, 115], (matches - right, 2))
+        ray = np.concatenate([pixel / focal, np.ones((matches, 1))], axis=1)
+        ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+        sides.append(Details(pixel, ray, np.zeros((matches, 128), np.uint8), 1, 1 / focal))
+    assert is_of_one_thing(DetailMatch(0, 1, *sides)) == of_one_thing
