@@ -1,21 +1,50 @@
 """Fits of captures with variants of options: their options, their scores and rows of tables."""
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from experiments.captures.fits import varied
 from experiments.captures.gsplat_mcmc import focus
-from experiments.captures.moving import BASE, HEAD, VARIANTS, line, mean_scores
+from experiments.captures.moving import BASE, HEAD, VARIANTS, line, mean_scores, nearest_cameras
 from gaussray.camera.camera import Camera
 from gaussray.camera.lens.perspective import Pinhole
 from gaussray.camera.placement import look_at
+from gaussray.capture.open import open_capture
 from gaussray.evaluate.metrics import psnr
+from gaussray.reconstruct.data.segments import training_views
 
 
 def test_a_variant_changes_the_options_in_order_and_settings_come_last():
     options = varied(BASE, "stereo+nobodies+seed1", VARIANTS, ["fit.seed=3", "fit.start=given"])
     assert (options.fit.start, options.fit.seed, options.track.poses) == ("given", 3, 0)
     assert options.fit.auto
+    # A setting counts also where it is the default.
+    assert varied(BASE, "auto", VARIANTS, [f"fit.fine={BASE.fit.fine}"]).explicit_keys == (
+        "fit.fine",
+    )
+
+
+def test_the_nearest_cameras_to_a_held_out_one_are_kept_alone():
+    sample = open_capture(Path(__file__).parents[1] / "experiments/quickstart/capture")
+    few = nearest_cameras(sample, 3)
+    place = {
+        view.camera_name: np.asarray(view.camera.trajectory.translation)[0] for view in sample.views
+    }
+    kept = {view.camera_name: view.split for view in few.views}
+    (held_out,) = (name for name, split in kept.items() if split == "test")
+    far = {
+        split: [np.linalg.norm(place[name] - place[held_out]) for name in names]
+        for split, names in (
+            ("kept", [name for name, split in kept.items() if split == "train"]),
+            ("left", {v.camera_name for v in sample.views if v.split == "train"} - set(kept)),
+        )
+    }
+    assert len(far["kept"]) == 3 and max(far["kept"]) <= min(far["left"])
+    with pytest.raises(SystemExit, match="--nearest needs a camera that is held out"):
+        nearest_cameras(replace(sample, views=training_views(sample)), 3)
 
 
 def test_every_variant_makes_valid_options():

@@ -43,7 +43,8 @@ def replaced(options: ReconstructOptions, **changes) -> ReconstructOptions:
 def varied(
     options: ReconstructOptions, name: str, variants: Mapping[str, Variant], settings: list[str]
 ) -> ReconstructOptions:
-    """The options after the variants that `name` joins by +, then after `group.key=value` ones."""
+    """The options after the variants that `name` joins by +, then after `group.key=value` ones,
+    which fit=auto leaves as they are, also where a value is the default."""
     for part in name.split("+"):
         options = variants[part](options)
     for setting in settings:
@@ -53,6 +54,7 @@ def varied(
         except (ValueError, SyntaxError):
             literal = value
         options = replaced(options, **{key.replace(".", "__"): literal})
+        options = dataclasses.replace(options, explicit_keys=(*options.explicit_keys, key))
     return options
 
 

@@ -1,6 +1,7 @@
 """Fit captures of moving scenes with variants of options and score the held-out pictures.
 
     python -m experiments.captures.moving fit CAPTURE ... [--variants NAME ...] [--out DIR]
+                                              [--frames FIRST LAST STEP] [--nearest CAMERAS]
 
 Each fit prints one line: PSNR of whole pictures, of the pixels that move (mean over views; and from
 all their pixels together, as `gaussray evaluate`), SSIM; PSNR at held-out times, whole and moving;
@@ -17,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from experiments.captures.fits import Variant, fit_arguments, fitted, pairs, replaced, varied
-from gaussray.capture.capture import View
+from gaussray.capture.capture import Capture, View
 from gaussray.capture.frames import read_encoded
 from gaussray.capture.open import open_capture
 from gaussray.capture.selection import Selection
@@ -87,6 +88,28 @@ def moving_pixels(masks: MotionMasks, view: View) -> np.ndarray:
     return differs(levels, view_levels(dataclasses.replace(view, image=image)), 255)
 
 
+def nearest_cameras(capture: Capture, count: int) -> Capture:
+    """The capture as if few cameras had been there: the `count` training cameras whose first
+    position is nearest to that of the first held-out camera, and this camera."""
+    cameras: dict[str, list[View]] = {}
+    for view in capture.views:
+        cameras.setdefault(view.camera_name, []).append(view)
+    place = {
+        name: np.asarray(views[0].camera.trajectory.translation)[0]
+        for name, views in cameras.items()
+    }
+    trained = {view.camera_name for view in capture.views if view.split == "train"}
+    held_out = next((name for name in cameras if name not in trained), None)
+    if held_out is None:
+        raise SystemExit(
+            f"{capture.folder}: --nearest needs a camera that is held out (split test)."
+        )
+    near = sorted(trained, key=lambda name: np.linalg.norm(place[name] - place[held_out]))
+    kept = {held_out, *near[:count]}
+    views = [view for view in capture.views if view.camera_name in kept]
+    return dataclasses.replace(capture, views=views)
+
+
 def scored(view: View, image: np.ndarray, mask: np.ndarray) -> dict[str, float]:
     """Scores of one picture; those of moving pixels only if there are any."""
     truth = read_encoded(view)
@@ -117,7 +140,10 @@ def fit(
     pictures: Path | None,
 ) -> dict[str, float]:
     """Fit a capture and score its held-out pictures, at the training times and at all others."""
-    capture = open_capture(folder, selection=Selection(scale=chosen.scale))
+    selection = Selection(frames=tuple(chosen.frames), scale=chosen.scale)
+    capture = open_capture(folder, selection=selection)
+    if chosen.nearest:
+        capture = nearest_cameras(capture, chosen.nearest)
     trained = {view.time for view in capture.views if view.split == "train"}
     held_out = [view for view in capture.views if view.split == "test"]
     if not held_out:
@@ -166,6 +192,10 @@ def main() -> None:
     command = commands.add_parser("fit")
     fit_arguments(command, VARIANTS, "auto")
     command.add_argument("--out", type=Path, help="folder of rows.jsonl and a picture for each fit")
+    command.add_argument(
+        "--frames", type=int, nargs=3, default=[], help="first, last, step of times"
+    )
+    command.add_argument("--nearest", type=int, metavar="CAMERAS", help="`nearest_cameras`")
     chosen = parser.parse_args()
     devices = start_devices(DevicesOptions())
     print("| " + " | ".join(HEAD) + " |\n|" + "---|" * len(HEAD), flush=True)
@@ -173,7 +203,8 @@ def main() -> None:
         picture = None
         if chosen.out is not None:
             chosen.out.mkdir(parents=True, exist_ok=True)
-            stem = "".join(c if c.isalnum() else "-" for c in f"{folder.name}_{name}")
+            part = f"_nearest{chosen.nearest}" if chosen.nearest else ""
+            stem = "".join(c if c.isalnum() else "-" for c in f"{folder.name}_{name}{part}")
             picture = chosen.out / f"{stem}.png"
         options = varied(BASE, name, VARIANTS, chosen.set)
         try:
@@ -183,7 +214,8 @@ def main() -> None:
             continue
         print(line(folder, name, row), flush=True)
         if chosen.out is not None:
-            record = {"capture": folder.name, "variant": name, "set": chosen.set, **row}
+            record = {"capture": folder.name, "variant": name, "set": chosen.set}
+            record |= {key: getattr(chosen, key) for key in ("scale", "frames", "nearest")} | row
             with (chosen.out / "rows.jsonl").open("a") as file:
                 file.write(json.dumps(record | {"at": round(time.time())}) + "\n")
 

@@ -237,7 +237,9 @@ def _sentence(options: ReconstructOptions, views: Sequence[View], scale: float, 
         parts.append(f"motion by {MOTION_NOUNS[fit.motion]} (fit.motion)")
     if fit.minutes:
         minutes = f"{fit.minutes:.0f}" if fit.minutes >= 1 else f"{fit.minutes:.1g}"
-        parts.append(f"about {minutes} minute{'s' * (minutes != '1')} (fit.minutes)")
+        noun = "minute" if minutes == "1" else "minutes"
+        parts.append(f"about {minutes} {noun} of steps (fit.minutes)")
+        return f"{', '.join(parts)}; reading, stereo and compilation take extra time."
     elif still:
         steps = fit.coarse + fit.fine
         parts.append(counted(steps, "step"))

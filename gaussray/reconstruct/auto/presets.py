@@ -33,9 +33,11 @@ _MOST_BODIES = 200_000
 # loss.time_smoothness on stereo's points. Rigid bodies move without the field, so it may be smooth
 # in time.
 _SMOOTH_FIELD = 0.03
-# Cost of opacity times number of viewpoints; its maximum, and that of transient Gaussians; and the
-# number of viewpoints from which on it is raised (experiments/captures/log.md).
-_COST_OF_OPACITY, _MOST_COST, _MOST_TRANSIENT, _FEWEST = 2.0, 0.2, 1.0, 5
+# Cost of opacity times number of viewpoints; its maximum, and that of transient Gaussians
+# (experiments/captures/log.md).
+_COST_OF_OPACITY, _MOST_COST, _MOST_TRANSIENT = 2.0, 0.2, 1.0
+# With fewer viewpoints than this it costs so much.
+_FEW, _COST_OF_FEW = 5, 0.1
 
 
 def still_preset(pixels: float, minutes: float, machine: Machine) -> ReconstructOptions:
@@ -169,9 +171,9 @@ def for_few_viewpoints(
 
     The fewer viewpoints, the more Gaussians hang in the air that make single training pictures
     right and that other cameras see as fog. The loss is a mean over pixels, whatever their number,
-    so the cost is divided by the number of viewpoints. With fewer than five it stays: with three,
-    times between the pictures of these cameras got worse by it, other views were not measured. On
-    a CPU, with few steps, it did not pay.
+    so the cost is divided by the number of viewpoints. With two to four it is lower again: many
+    things are seen by one camera alone, and with four what a higher cost gains in other views it
+    takes from the views of these cameras at other times. On a CPU, with few steps, it did not pay.
 
     Args:
         chosen: the options of a preset.
@@ -179,9 +181,10 @@ def for_few_viewpoints(
         machine: what the steps will run on.
     """
     density = chosen.density
-    if not machine.gpu or not density.relocates or viewpoints < _FEWEST:
+    if not machine.gpu or not density.relocates or viewpoints < 2:
         return chosen
-    cost = max(density.opacity_cost, min(_COST_OF_OPACITY / viewpoints, _MOST_COST))
+    raised = min(_COST_OF_OPACITY / viewpoints, _MOST_COST) if viewpoints >= _FEW else _COST_OF_FEW
+    cost = max(density.opacity_cost, raised)
     factor = min(density.transient_cost, _MOST_TRANSIENT / cost)
     return replace(chosen, density=replace(density, opacity_cost=cost, transient_cost=factor))
 
