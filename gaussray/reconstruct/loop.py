@@ -34,6 +34,9 @@ from gaussray.runtime.progress import say
 
 # Share of the minutes of a fit in which what stands still is fitted first.
 _STILL_SHARE = 0.25
+# What is noted of a stage that has ended: the fit.minutes that have time for its fewest steps, 0 if
+# it had time for them.
+_ENOUGH = "minutes for the fewest steps"
 
 
 def run_stage(
@@ -90,10 +93,13 @@ def run_stage(
         if plan.after_block(done, told and partial(told, state, sizes)):
             bar.change_total(plan.steps)
             progress = plan.noted(progress)
-            _say_changed(session, plan, done)
+            _say_changed(session, stage, plan, done)
         log.save_in_time(state, progress)
         if done >= plan.steps:
             break
+    if isinstance(plan, TimedPlan):
+        needed = minutes_for_fewest(fit.minutes, plan) if plan.seconds_of_fewest else 0.0
+        session.shared.note((_ENOUGH, stage), needed)
     if sizes is not None:
         # Density control may have added rows.
         for key in (begun, sizes_key(session, stage, state)):
@@ -101,29 +107,47 @@ def run_stage(
     return from_primary(state), progress
 
 
-def _say_changed(session: Session, plan: StepPlan, done: int) -> None:
+def _say_changed(session: Session, stage: str, plan: StepPlan, done: int) -> None:
     """Say why a plan that has just changed ends where it does, if that is not the given time."""
     if session.quiet:
         return
     if plan.stopped == done:
         say(f"Held-out tiles no longer improve at step {done}: the fit ends at step {plan.steps}.")
     elif isinstance(plan, TimedPlan) and plan.seconds_of_fewest:
-        say(short_time_sentence(session.options.fit.minutes, plan))
+        before = session.shared.known((_ENOUGH, "coarse")) if stage == "fine" else None
+        say(short_time_sentence(session.options.fit.minutes, plan, stage, before or 0.0))
 
 
-def short_time_sentence(minutes: float, plan: TimedPlan) -> str:
-    """What is said where the fewest steps of a stage take longer than it has.
+def minutes_for_fewest(minutes: float, plan: TimedPlan) -> float:
+    """The fit.minutes that have time for the fewest steps of a stage.
 
     Args:
         minutes: fit.minutes, of which the stage may get a share.
         plan: that of the stage, with `seconds_of_fewest`.
     """
+    return math.ceil(10 * minutes * plan.seconds_of_fewest / plan.seconds) / 10
+
+
+def short_time_sentence(
+    minutes: float, plan: TimedPlan, stage: str = "", before: float = 0.0
+) -> str:
+    """What is said where the fewest steps of a stage take longer than it has.
+
+    Args:
+        minutes: fit.minutes, of which the stage may get a share.
+        plan: that of the stage, with `seconds_of_fewest`.
+        stage: its name, of one that gets a share.
+        before: fit.minutes that have time for the stage before; 0 if that stage had enough time.
+    """
     share, fewest = plan.seconds / 60, plan.seconds_of_fewest / 60
-    needed = math.ceil(10 * minutes * fewest / share) / 10
-    gets = f" gets {_readable(share)} minutes of them, and" if share < minutes else ""
+    who = "this stage"
+    if share < minutes:
+        who = f"the {stage} stage gets {_readable(share)} minutes of them, and"
+    needed = max(minutes_for_fewest(minutes, plan), before)
     return (
-        f"fit.minutes={minutes:g} is too short: this stage{gets} takes about {_readable(fewest)} "
-        f"minutes for {plan.steps} steps, its fewest. fit.minutes={needed:g} has time for them."
+        f"fit.minutes={minutes:g} is too short: {who} takes about {_readable(fewest)} minutes for "
+        f"{plan.steps} steps, its fewest. fit.minutes={needed:g} has time for "
+        f"{'those of both stages' if before else 'them'}."
     )
 
 

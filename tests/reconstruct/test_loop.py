@@ -1,21 +1,30 @@
 """What is said of a stage whose time is too short."""
 
+import pytest
+
 from gaussray.reconstruct.loop import short_time_sentence
 from gaussray.reconstruct.run_progress import StageSchedule
 from gaussray.reconstruct.step_plan import TimedPlan
 
 
-def sentence(minutes, share):
+def sentence(minutes, share, stage="coarse", before=0.0):
     plan = TimedPlan(60 * minutes * share, 50)
     plan.seconds_of_fewest, plan.schedule = 66.0, StageSchedule(600)
-    return short_time_sentence(minutes, plan)
+    return short_time_sentence(minutes, plan, stage, before)
 
 
 def test_a_stage_that_gets_a_share_of_the_time_says_so():
     assert sentence(1.5, 0.25) == (
-        "fit.minutes=1.5 is too short: this stage gets 0.38 minutes of them, and takes about 1.1 "
-        "minutes for 600 steps, its fewest. fit.minutes=4.4 has time for them."
+        "fit.minutes=1.5 is too short: the coarse stage gets 0.38 minutes of them, and takes about "
+        "1.1 minutes for 600 steps, its fewest. fit.minutes=4.4 has time for them."
     )
+
+
+@pytest.mark.parametrize(("before", "enough"), [(4.4, "4.4"), (1.0, "1.5")])
+def test_the_second_stage_names_the_time_that_both_need(before, enough):
+    told = sentence(1.0, 0.75, "fine", before)
+    assert told.startswith("fit.minutes=1 is too short: the fine stage gets 0.75 minutes of them")
+    assert told.endswith(f"fit.minutes={enough} has time for those of both stages.")
 
 
 def test_a_stage_that_gets_all_of_the_time_says_nothing_of_shares():

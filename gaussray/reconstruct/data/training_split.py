@@ -30,7 +30,7 @@ def demand_training_pictures(capture: Capture, frames: Sequence[int] = ()) -> No
     if held:
         others = "capture.test=[CAMERA] holds out a camera by its name."
         if _has_one_camera(capture):
-            others = f"its single camera cannot be held out. {_instants(capture, frames)}"
+            others = f"its single camera cannot be held out. {_instants(capture, frames)}".rstrip()
         raise CaptureError(
             f"{capture.folder}: there must be pictures to fit a scene to, but "
             f"{'the only one is' if held == 1 else f'all {held} are'} held out (split test). "
@@ -55,7 +55,8 @@ def division_sentence(capture: Capture, chosen: bool, frames: Sequence[int] = ()
     held = [view for view in capture.views if view.split != "train"]
     fitted = len(capture.views) - len(held)
     if not held and _has_one_camera(capture):
-        return f"Fits all {fitted} pictures of a single camera. {_instants(capture, frames)}"
+        told = f"Fits all {fitted} pictures of a single camera. {_instants(capture, frames)}"
+        return told.rstrip()
     if not held:
         return (
             f"Fits all {fitted} pictures. None is held out to score the scene; "
@@ -78,7 +79,7 @@ def _has_one_camera(capture: Capture) -> bool:
 
 
 def _instants(capture: Capture, frames: Sequence[int]) -> str:
-    """How instants are held out where a camera cannot be.
+    """How instants are held out where a camera cannot be; empty if none is between fitted ones.
 
     Args:
         capture: a capture of one camera.
@@ -86,9 +87,13 @@ def _instants(capture: Capture, frames: Sequence[int]) -> str:
     """
     first, last, step = frames or (0, -1, 1)
     fewer = max(step, 2)
+    # Halfway: next to an instant that was fitted the scene looks better than in between.
+    middle = first + fewer // 2
+    if 0 <= last < middle:
+        return ""
     score = (
         f"`gaussray evaluate scene=OUT {quote(f'truth={capture.folder}')} "
-        f"truth_frames=[{first + 1},{last},{fewer}] evaluate.split=all`"
+        f"truth_frames=[{middle},{last},{fewer}] evaluate.split=all`"
     )
     if step > 1:
         return f"{score} scores the scene at instants in between. {_SAME_PICTURES}"

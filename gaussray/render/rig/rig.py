@@ -216,7 +216,10 @@ def _frame_times(views: Sequence[View], given: Sequence[float]) -> list[float]:
             near = ", ".join(f"{t:.8g}" for t in np.sort(times[nearest]))
             raise ValueError(
                 f"camera.times must be times of frames of the capture, got {time:g}; the nearest "
-                f"are {near}."
+                f"are {near}. camera=look_at takes any time. To see this camera at others, change "
+                "them in a copy of the run's cameras.json, and name it: cameras=COPY.json "
+                "camera.split=all. Pictures then have the capture's own size; film.size=[W,H] "
+                "sets another."
             )
         meant.append(float(times[nearest[0]]))
     return meant

@@ -4,7 +4,7 @@ import dataclasses
 from typing import Any
 
 from gaussray.camera.lens.registry import models_by_name
-from gaussray.render.rig.rig import RigOptions
+from gaussray.render.rig.rig import CameraOptions, RigOptions
 
 
 # Keys of a shutter that apply also where it is kept from the capture.
@@ -22,12 +22,17 @@ _TRAJECTORY_KEYS = {
     "between": ("interpolation", "steps"),
     "path": ("interpolation", "steps", "file", "clock"),
 }
+# Kinds of cameras that are chosen by another name.
+_CAMERA_CHOICES = {"capture": "default"}
+_KEYS_OF_ALL_CAMERAS = ("clip_start",)
 _CAMERA_KEYS = {
     "capture": ("split", "names", "times"),
     "look_at": ("eye", "target", "up", "frames", "times"),
     "orbit": ("eye", "target", "up", "frames", "turns"),
     "path": ("file", "frames"),
 }
+# A shutter that no choice of its group names is written as its kind.
+_UNNAMED_SHUTTERS = ("table",)
 
 
 def apply_implied_choices(options: RigOptions) -> tuple[RigOptions, list[str]]:
@@ -43,16 +48,20 @@ def apply_implied_choices(options: RigOptions) -> tuple[RigOptions, list[str]]:
         key = next((k for k in _KIND_OF_SHUTTER if k in changed), None)
         if key is not None:
             kind = _KIND_OF_SHUTTER[key]
-            notes.append(_note("shutter", key, getattr(shutter, key), kind))
+            notes.append(_note("shutter", key, getattr(shutter, key), _shutter_choice(kind)))
             shutter = dataclasses.replace(shutter, kind=kind)
     if trajectory.kind == "keep" and trajectory.file and options.camera.kind == "capture":
-        notes.append(_note("trajectory", "file", trajectory.file, "path"))
+        notes.append(_note("trajectory", "file", trajectory.file, "trajectory=path"))
         trajectory = dataclasses.replace(trajectory, kind="path")
     return dataclasses.replace(options, shutter=shutter, trajectory=trajectory), notes
 
 
 def _note(group: str, key: str, value: Any, choice: str) -> str:
-    return f"{group}.{key}={value} chooses {group}={choice}."
+    return f"{group}.{key}={value} chooses {choice}."
+
+
+def _shutter_choice(kind: str) -> str:
+    return f"shutter{'.kind' * (kind in _UNNAMED_SHUTTERS)}={kind}"
 
 
 def check_used_keys(options: RigOptions) -> None:
@@ -72,7 +81,7 @@ def check_used_keys(options: RigOptions) -> None:
     if shutter.kind != "interlaced":
         used = set(_changed(shutter)) - {"first_field"}
         remedy = "Choose shutter=interlaced."
-        _refuse("shutter", _changed(shutter), tuple(used), f"shutter={shutter.kind}", remedy)
+        _refuse("shutter", _changed(shutter), tuple(used), _shutter_choice(shutter.kind), remedy)
     if trajectory.kind in _TRAJECTORY_KEYS:
         # Generated datasets draw every seed, whether or not there is a shake.
         used = (*_TRAJECTORY_KEYS[trajectory.kind], "shake_degrees", "shake_distance", "shake_seed")
@@ -80,13 +89,21 @@ def check_used_keys(options: RigOptions) -> None:
             used = (*used, "shake_time")
         remedy = "Choose trajectory=path or between, or set trajectory.shake_degrees."
         _refuse("trajectory", _changed(trajectory), used, f"trajectory={trajectory.kind}", remedy)
-    camera = options.camera
-    if camera.kind in _CAMERA_KEYS:
-        changed, used = _changed(camera), _CAMERA_KEYS[camera.kind]
-        ignored = next((key for key in changed if key not in used), None)
-        kinds = [kind for kind, keys in _CAMERA_KEYS.items() if ignored in keys]
-        remedy = f"Choose camera={' or '.join(kinds)}."
-        _refuse("camera", changed, used, f"camera={camera.kind}", remedy)
+    _check_camera(options.camera)
+
+
+def _check_camera(camera: CameraOptions) -> None:
+    changed, used = _changed(camera), (*_CAMERA_KEYS[camera.kind], *_KEYS_OF_ALL_CAMERAS)
+    ignored = next((key for key in changed if key not in used), "")
+    kinds = [kind for kind, keys in _CAMERA_KEYS.items() if ignored in keys]
+    remedy = f"Choose camera={' or '.join(map(_camera_choice, kinds))}."
+    if camera.kind == "capture" and ignored == "frames":
+        remedy += " Frames of the capture's cameras are chosen by their times: camera.times=[TIME]."
+    _refuse("camera", changed, used, f"camera={_camera_choice(camera.kind)}", remedy)
+
+
+def _camera_choice(kind: str) -> str:
+    return _CAMERA_CHOICES.get(kind, kind)
 
 
 def _check_lens(options: RigOptions) -> None:

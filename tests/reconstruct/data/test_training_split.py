@@ -55,10 +55,21 @@ def test_of_a_single_camera_instants_are_held_out(folder):
     all_of_it = division_sentence(single, False)
     assert "capture.frames=[0,-1,2]" in all_of_it and "capture.test" not in all_of_it
     assert f"truth={folder} truth_frames=[1,-1,2] evaluate.split=all" in all_of_it
-    assert "truth_frames=[3,9,4] evaluate.split=all" in division_sentence(single, False, [2, 9, 4])
+    assert "truth_frames=[4,9,4] evaluate.split=all" in division_sentence(single, False, [2, 9, 4])
+    # Halfway between instants that were fitted.
+    assert "truth_frames=[10,400,20] evaluate" in division_sentence(single, False, [0, 400, 20])
+    assert "truth_frames=[2,-1,3] evaluate" in division_sentence(single, False, [1, -1, 3])
+    # Between instants that are all fitted, or one alone, there is none.
+    for frames in ([0, 5, 20], [3, 3, 1]):
+        assert division_sentence(single, False, frames) == (
+            f"Fits all {len(views)} pictures of a single camera."
+        )
+        with pytest.raises(CaptureError, match="its single camera cannot be held out.$"):
+            demand_training_pictures(divided(single, len(views)), frames)
+    assert "truth_frames=[2,3,4] evaluate" in division_sentence(single, False, [0, 3, 4])
     with pytest.raises(CaptureError, match=r"its single camera .* capture.frames=\[0,-1,2\]"):
         demand_training_pictures(divided(single, len(views)))
-    with pytest.raises(CaptureError, match=r"truth_frames=\[3,9,4\] evaluate.split=all"):
+    with pytest.raises(CaptureError, match=r"truth_frames=\[4,9,4\] evaluate.split=all"):
         demand_training_pictures(divided(single, len(views)), [2, 9, 4])
     spaced = dataclasses.replace(single, folder=Path("/tmp/my capture"))
     assert "evaluate scene=OUT 'truth=/tmp/my capture' truth" in division_sentence(spaced, False)

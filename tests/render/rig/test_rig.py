@@ -1,6 +1,7 @@
 """Every option of the rig exchanges what it names and nothing else."""
 
 import dataclasses
+import json
 
 import jax
 import jax.numpy as jnp
@@ -22,8 +23,9 @@ from gaussray.dataset.manifest import write_manifest
 from gaussray.geometry import rotation_matrix
 from gaussray.render.rig import rig
 from gaussray.render.rig.film import apply_film
-from gaussray.render.rig.placed import placed_views
+from gaussray.render.rig.placed import CAMERA_KINDS, placed_views
 from gaussray.render.rig.used_keys import apply_implied_choices, check_used_keys
+from gaussray.render.rig.view_files import load_views
 
 
 look = jax.jit(jax.vmap(lambda lens, pixel: lens.direction(pixel), in_axes=(None, 0)))
@@ -89,8 +91,26 @@ def test_an_unknown_camera_is_refused_with_the_one_most_like_it(views):
 
 def test_a_time_without_a_frame_is_refused_with_the_nearest_ones(views):
     camera = rig.CameraOptions(names=("cam_0",), times=(0.5, 0.4))
-    with pytest.raises(ValueError, match=r"camera.times must be .* got 0.4; the nearest are"):
+    says = (
+        r"camera.times must be .* got 0.4; the nearest are 0, 0.5. camera=look_at takes any time.*"
+        r"run's cameras.json, and name it: cameras=COPY.json camera.split=all. .* film.size=\[W,H\]"
+    )
+    with pytest.raises(ValueError, match=says):
         built(views, camera=camera)
+
+
+def test_a_copy_of_the_cameras_renders_them_at_other_times(views, tmp_path):
+    """What the message about a time without a frame advises."""
+    file = tmp_path / "cameras.json"
+    write_manifest(file, toy.records())
+    content = json.loads(file.read_text())
+    content["frames"] = [{**content["frames"][0], "time": 0.4}]
+    (tmp_path / "copy.json").write_text(json.dumps(content))
+    others = load_views(tmp_path, tmp_path / "copy.json")
+    (record,) = built(others, camera=rig.CameraOptions(split="all"))
+    assert float(record.camera.time) == pytest.approx(0.4)
+    poses = [pose_at(x.trajectory, x.time) for x in (record.camera, views[0].camera)]
+    np.testing.assert_allclose(poses[0].translation, poses[1].translation, atol=1e-6)
 
 
 def test_a_capture_without_held_out_cameras_is_rendered_from_all(views):
@@ -466,17 +486,37 @@ def test_cameras_side_by_side_have_the_mean_of_their_upward_axes():
         ),
         (
             {"camera": rig.CameraOptions(eye=(0.0, 0.0, 1.0))},
-            "camera.eye has no effect with camera=capture. Choose camera=look_at or orbit.",
+            "camera.eye has no effect with camera=default. Choose camera=look_at or orbit.$",
+        ),
+        (
+            {"camera": rig.CameraOptions(frames=3)},
+            "camera.frames has no effect with camera=default. .* by their times: camera.times=",
         ),
         (
             {"camera": rig.CameraOptions("orbit", names=("a",))},
-            "camera.names has no effect with camera=orbit. Choose camera=capture.",
+            "camera.names has no effect with camera=orbit. Choose camera=default.$",
+        ),
+        (
+            {"shutter": rig.ShutterOptions("table", row_times=(0.0, 1.0), first_field="odd")},
+            "shutter.first_field has no effect with shutter.kind=table. Choose shutter=interlaced",
         ),
     ],
 )
 def test_a_key_that_its_choice_ignores_is_refused(groups, message):
     with pytest.raises(ValueError, match=message):
         check_used_keys(rig.RigOptions(**groups))
+
+
+@pytest.mark.parametrize("kind", CAMERA_KINDS)
+def test_every_camera_may_leave_out_what_is_near(kind):
+    check_used_keys(rig.RigOptions(camera=rig.CameraOptions(kind, clip_start=0.1)))
+
+
+def test_a_table_of_row_times_chooses_a_kind_that_can_be_set():
+    options, notes = apply_implied_choices(
+        rig.RigOptions(shutter=rig.ShutterOptions(row_times=(0.0, 1.0)))
+    )
+    assert options.shutter.kind == "table" and notes[0].endswith(" chooses shutter.kind=table.")
 
 
 @pytest.mark.parametrize(
