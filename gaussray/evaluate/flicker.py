@@ -43,7 +43,8 @@ class Flicker:
             counts = shown[static].astype(np.uint16)
             levels *= counts[:, None]
         if (part, camera) not in self._sums:
-            self._sums[part, camera] = tuple(map(np.zeros_like, (counts, levels, levels)))
+            nothing = np.zeros_like(levels)
+            self._sums[part, camera] = np.zeros_like(counts), nothing, nothing.copy()
         for sums, one in zip(self._sums[part, camera], (counts, levels, levels**2), strict=True):
             sums += one
 
