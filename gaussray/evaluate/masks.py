@@ -139,9 +139,10 @@ class MotionMasks:
     def _median_of(self, viewpoint: int) -> "_Still":
         group = self._views[viewpoint]
         chosen = evenly_spread(group, _MOST)
-        levels, masks = zip(*map(levels_and_mask, chosen), strict=True)
-        pictures = np.stack(levels)
-        shown = _stacked(masks, pictures.shape[1:3])
+        read = list(map(levels_and_mask, chosen))
+        pictures = np.stack([levels for levels, _ in read])
+        shown = _stacked([mask for _, mask in read], pictures.shape[1:3])
+        del read  # the pictures, a second time
         # Medians of levels are multiples of one half; NaN, where nothing is shown, differs from
         # nothing.
         median = temporal_median(pictures, shown).astype(np.float16)

@@ -59,8 +59,10 @@ def score_picture(
     """
     (real, shown), ours = levels_and_mask(view), srgb_levels(frame.color)
     sees = visible_mask(view.camera)
-    row = _scores(real, ours, masks.moving(view, real), _counted(view, sees, shown))
-    row |= _perceived(perceptual, real, ours, shown)
+    # What is hidden is black in both pictures: else its error would spread to what is shown.
+    truth, image = (x if shown is None else x * shown[..., None] for x in (real, ours))
+    row = _scores(truth, image, masks.moving(view, real), _counted(view, sees, shown))
+    row |= _perceived(perceptual, truth, image, shown)
     row["seconds"] = None if frame.compiled else frame.seconds
     row["part"] = _part(view, trained)
     return ScoredPicture(row, real, ours, shown, _both(sees, shown))
@@ -136,12 +138,9 @@ def _perceived(
     ours: UInt8[np.ndarray, "h w 3"],
     shown: Bool[np.ndarray, "h w"] | None,
 ) -> dict[str, float]:
-    """The perceptual scores over what is shown. What is hidden is black in both pictures: its error
-    would spread to what is shown."""
+    """The perceptual scores over what is shown."""
     if shown is not None and not shown.any():
         return dict.fromkeys(metrics, float("nan"))
-    if shown is not None:
-        real, ours = (picture * shown[..., None] for picture in (real, ours))
     return {name: measure(real, ours, shown) for name, measure in metrics.items()}
 
 

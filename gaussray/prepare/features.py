@@ -23,6 +23,8 @@ _NEAR, _STRIDE = 12, 10
 _BLOCK, _PICTURES = 200, 16
 # `poses.features` that is recommended where pictures have more of them than are taken.
 MANY_FEATURES = 16384
+# The least white share of a mask at which a picture may be full.
+_LEAST_WHITE = 0.1
 # Pairs from which on a line tells their number.
 _TOLD = 20
 
@@ -252,24 +254,20 @@ def full_pictures(database: Path, most: int, masks: Path | None = None) -> froze
     """
     with pycolmap().Database.open(database) as db:
         return frozenset(
-            image.name
-            for image in db.read_all_images()
-            if _distinct_features(db, image.image_id) >= most * _white_share(masks, image.name)
+            image.name for image in db.read_all_images() if _is_full(db, image, most, masks)
         )
 
 
-def _distinct_features(db: Any, number: int) -> int:
-    if not db.num_keypoints_for_image(number):
-        return 0
-    return len(np.unique(db.read_keypoints(number)[:, :2], axis=0))
-
-
-def _white_share(masks: Path | None, file: str) -> float:
-    """The share of a picture that its mask leaves; of one that leaves nothing, all."""
-    if masks is None:
-        return 1.0
-    mask = masks / f"{file}.png"
-    return float(np.mean(read_levels(mask, *picture_size(mask)) > 0)) or 1.0
+def _is_full(db: Any, image: Any, most: int, masks: Path | None) -> bool:
+    count = db.num_keypoints_for_image(image.image_id)
+    if count < most * (1.0 if masks is None else _LEAST_WHITE):
+        return False
+    distinct = len(np.unique(db.read_keypoints(image.image_id)[:, :2], axis=0))
+    if distinct >= most or masks is None:
+        return distinct >= most
+    mask = masks / f"{image.name}.png"
+    # The share of the picture that counts.
+    return distinct >= most * float(np.mean(read_levels(mask, *picture_size(mask)) > 0))
 
 
 def verified_matches(database: Path) -> dict[tuple[str, str], Int[np.ndarray, "m 2"]]:

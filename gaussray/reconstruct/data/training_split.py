@@ -29,7 +29,7 @@ def demand_training_pictures(capture: Capture, frames: Sequence[int] = ()) -> No
     held = len(capture.views)
     if held:
         others = "capture.test=[CAMERA] holds out a camera by its name."
-        if _has_one_camera(capture):
+        if _has_one_camera(capture, frames):
             others = f"its single camera cannot be held out. {_instants(capture, frames)}".rstrip()
         raise CaptureError(
             f"{capture.folder}: there must be pictures to fit a scene to, but "
@@ -54,7 +54,7 @@ def division_sentence(capture: Capture, chosen: bool, frames: Sequence[int] = ()
     """
     held = [view for view in capture.views if view.split != "train"]
     fitted = len(capture.views) - len(held)
-    if not held and _has_one_camera(capture):
+    if not held and _has_one_camera(capture, frames):
         told = f"Fits all {fitted} pictures of a single camera. {_instants(capture, frames)}"
         return told.rstrip()
     if not held:
@@ -72,10 +72,12 @@ def division_sentence(capture: Capture, chosen: bool, frames: Sequence[int] = ()
     )
 
 
-def _has_one_camera(capture: Capture) -> bool:
-    """Whether all pictures are of one camera, at three instants or more."""
+def _has_one_camera(capture: Capture, frames: Sequence[int]) -> bool:
+    """Whether all pictures are of one camera, at three instants or more, or at those that were
+    chosen of its instants."""
     views = capture.views
-    return len({v.camera_name for v in views}) == 1 and len({v.time for v in views}) > 2
+    several = len({view.time for view in views}) > 2
+    return len({view.camera_name for view in views}) == 1 and (several or len(frames) > 0)
 
 
 def _instants(capture: Capture, frames: Sequence[int]) -> str:

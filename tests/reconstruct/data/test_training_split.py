@@ -59,13 +59,19 @@ def test_of_a_single_camera_instants_are_held_out(folder):
     # Halfway between instants that were fitted.
     assert "truth_frames=[10,400,20] evaluate" in division_sentence(single, False, [0, 400, 20])
     assert "truth_frames=[2,-1,3] evaluate" in division_sentence(single, False, [1, -1, 3])
-    # Between instants that are all fitted, or one alone, there is none.
-    for frames in ([0, 5, 20], [3, 3, 1]):
-        assert division_sentence(single, False, frames) == (
-            f"Fits all {len(views)} pictures of a single camera."
-        )
-        with pytest.raises(CaptureError, match="its single camera cannot be held out.$"):
-            demand_training_pictures(divided(single, len(views)), frames)
+    # Of few instants, as they are selected; after one alone there is none.
+    last = len(views) - 1
+    for frames, count, told in (
+        ([0, last, last], 2, f"truth_frames=[{last // 2},{last},{last}] evaluate"),
+        ([0, 0, 1], 1, ""),
+        ([2, 2, 1], 1, ""),
+    ):
+        few = selected(single, Selection(frames=tuple(frames)))
+        sentence = division_sentence(few, False, frames)
+        assert sentence.startswith(f"Fits all {count} pictures of a single camera.")
+        assert told in sentence and ("evaluate" in sentence) == bool(told)
+        with pytest.raises(CaptureError, match="its single camera cannot be held out"):
+            demand_training_pictures(divided(few, count), frames)
     assert "truth_frames=[2,3,4] evaluate" in division_sentence(single, False, [0, 3, 4])
     with pytest.raises(CaptureError, match=r"its single camera .* capture.frames=\[0,-1,2\]"):
         demand_training_pictures(divided(single, len(views)))
