@@ -14,14 +14,9 @@ from jaxtyping import DTypeLike, Float
 from gaussray.capture.capture import Capture
 from gaussray.capture.errors import CaptureError
 from gaussray.capture.formats.json_keys import Keys
+from gaussray.capture.formats.project_files import projects_in, warn_of_projects
 from gaussray.capture.formats.sfm_points import given_points
-from gaussray.capture.formats.sfm_project import (
-    Photograph,
-    project_capture,
-    projects_in,
-    rotation_in,
-    warn_of_projects,
-)
+from gaussray.capture.formats.sfm_project import Photograph, project_capture, rotation_in
 from gaussray.capture.picture_file import picture_exists
 from gaussray.geometry import BLENDER_AXES
 from gaussray.io.safe.files import read_text

@@ -23,7 +23,7 @@ from gaussray.capture.formats.number_files import (
 from gaussray.capture.formats.picture_folder import only_picture_folder
 from gaussray.capture.formats.picture_places import KNOWN_SUFFIXES
 from gaussray.capture.formats.posed_pictures import PosedPicture, posed_capture
-from gaussray.capture.formats.sfm_project import head_of
+from gaussray.capture.formats.project_files import head_of
 from gaussray.io.natural_order import natural_order
 from gaussray.io.safe.files import read_text
 

@@ -14,11 +14,8 @@ from gaussray.capture.formats.completion import completed
 from gaussray.capture.formats.json_keys import Keys
 from gaussray.capture.formats.number_files import lens_of_matrix
 from gaussray.capture.formats.poses import opengl_pose
-from gaussray.capture.formats.sfm_project import (
-    distinct_names,
-    head_of,
-    rotation_in,
-)
+from gaussray.capture.formats.project_files import head_of
+from gaussray.capture.formats.sfm_project import distinct_names, rotation_in
 from gaussray.capture.formats.transforms import points_of, views_of
 from gaussray.io.safe.files import read_text
 from gaussray.io.safe.limits import within

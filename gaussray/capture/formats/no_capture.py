@@ -15,8 +15,8 @@ from gaussray.capture.formats.kitti import kitti_near_miss
 from gaussray.capture.formats.nerfies import DATASET_FILE
 from gaussray.capture.formats.picture_folder import folders_in, media_folder, media_in
 from gaussray.capture.formats.pinf import INFO_FILE
+from gaussray.capture.formats.project_files import head_of
 from gaussray.capture.formats.sevenscenes import sevenscenes_near_miss
-from gaussray.capture.formats.sfm_project import head_of
 from gaussray.capture.formats.transforms import PINHOLE_FILE, json_if_readable
 from gaussray.capture.formats.tum import tum_near_miss
 from gaussray.capture.side_folders import holds_other_maps

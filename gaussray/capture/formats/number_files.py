@@ -12,7 +12,8 @@ from gaussray.capture.camera_matrix import SLIGHT_SKEW
 from gaussray.capture.errors import CaptureError
 from gaussray.capture.formats.json_keys import Keys
 from gaussray.capture.formats.lenses import INTRINSICS
-from gaussray.capture.formats.sfm_project import FIRST_PIXEL, head_of
+from gaussray.capture.formats.project_files import head_of
+from gaussray.capture.formats.sfm_project import FIRST_PIXEL
 from gaussray.capture.formats.transforms import json_object
 from gaussray.io.safe.files import read_text
 from gaussray.io.safe.limits import within

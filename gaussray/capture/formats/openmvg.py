@@ -11,18 +11,16 @@ from jaxtyping import DTypeLike
 
 from gaussray.capture.capture import Capture
 from gaussray.capture.formats.json_keys import Keys, block_in, listed_blocks
+from gaussray.capture.formats.project_files import fullest_project, projects_in, warn_of_projects
 from gaussray.capture.formats.sfm_points import given_points
 from gaussray.capture.formats.sfm_project import (
     FIRST_PIXEL,
     LENS_TYPES,
     LensType,
     Photograph,
-    fullest_project,
     lens_remedy,
     project_capture,
-    projects_in,
     rotation_in,
-    warn_of_projects,
 )
 from gaussray.capture.formats.transforms import json_object
 

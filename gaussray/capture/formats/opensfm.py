@@ -17,14 +17,9 @@ from gaussray.capture.capture import Capture
 from gaussray.capture.errors import CaptureError
 from gaussray.capture.formats.json_keys import Keys, block_in
 from gaussray.capture.formats.poses import axis_angle_turn
+from gaussray.capture.formats.project_files import begins_with
 from gaussray.capture.formats.sfm_points import given_points
-from gaussray.capture.formats.sfm_project import (
-    LensType,
-    Photograph,
-    begins_with,
-    lens_remedy,
-    project_capture,
-)
+from gaussray.capture.formats.sfm_project import LensType, Photograph, lens_remedy, project_capture
 from gaussray.capture.formats.transforms import json_content
 from gaussray.io.safe.files import opened
 

@@ -1,11 +1,10 @@
 """What readers of structure-from-motion projects share: lens types, blocks, poses and pictures."""
 
-import codecs
 import dataclasses
 import re
 import shlex
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
 
@@ -19,10 +18,9 @@ from gaussray.capture.formats.json_keys import Keys
 from gaussray.capture.formats.picture_folder import media_folder
 from gaussray.capture.formats.picture_places import absent_picture_hint
 from gaussray.capture.formats.poses import opengl_pose
-from gaussray.capture.formats.transforms import json_if_readable, views_of
+from gaussray.capture.formats.transforms import views_of
 from gaussray.capture.picture_file import picture_exists, picture_size
 from gaussray.capture.points import Points
-from gaussray.io.safe.files import opened
 from gaussray.io.safe.limits import within
 
 
@@ -30,8 +28,6 @@ from gaussray.io.safe.limits import within
 FIRST_PIXEL = 0.5
 # Largest difference of a rotation's columns from unit vectors at right angles.
 _ORTHOGONAL = 1e-3
-# Bytes at the start of a file that tell what it is; files that a message names.
-_HEAD, _NAMED = 100_000, 3
 
 
 class LensType(NamedTuple):
@@ -81,71 +77,6 @@ def lens_remedy(tool: str, export: str) -> str:
         f"Undistort the pictures in {tool} and name the project of these, export it to COLMAP "
         f"(`{export}`), or find poses anew with `gaussray prepare`."
     )
-
-
-def head_of(path: Path) -> bytes:
-    """The first 100,000 bytes of a text without its byte order mark; none if it cannot be read."""
-    try:
-        with opened(path) as file:
-            return file.read(_HEAD).removeprefix(codecs.BOM_UTF8)
-    except OSError:
-        return b""
-
-
-def begins_with(path: Path, pattern: bytes) -> bool:
-    """Whether the head of a file (`head_of`) has a pattern.
-
-    Args:
-        path: the file.
-        pattern: a regular expression that is searched for.
-    """
-    return re.search(pattern, head_of(path)) is not None
-
-
-def projects_in(folder: Path, places: Iterable[str], head: bytes) -> list[Path]:
-    """The projects of a program in a folder.
-
-    Args:
-        folder: the capture's folder.
-        places: patterns of their paths in it, in the order of the result.
-        head: a regular expression of what their heads have (`begins_with`).
-    """
-    paths = (path for place in places for path in sorted(folder.glob(place)))
-    return [path for path in paths if begins_with(path, head)]
-
-
-def fullest_project(
-    paths: Sequence[Path], rank: Callable[[Path, Mapping], tuple[int, ...]]
-) -> Path | None:
-    """The JSON file that ranks highest, the first of several; None if there is no file.
-
-    Args:
-        paths: the files.
-        rank: of a file and its content, such as the number of its poses.
-    """
-    if len(paths) < 2:
-        return paths[0] if paths else None
-    contents = {path: json_if_readable(path) for path in paths}
-    ranks = {
-        path: rank(path, content) for path, content in contents.items() if isinstance(content, dict)
-    }
-    return max(ranks, key=ranks.__getitem__) if ranks else paths[0]
-
-
-def warn_of_projects(top: Keys, paths: Sequence[Path]) -> None:
-    """Name the other projects of a folder, which are not read.
-
-    Args:
-        top: the one that is read.
-        paths: all of them.
-    """
-    others = [str(path) for path in paths if path != top.file]
-    if others:
-        shown = ", ".join(others[:_NAMED]) + (" ..." if len(others) > _NAMED else "")
-        top.warn(
-            f"of {len(paths)} projects this one is read, and {shown} is not. Move it away to read "
-            "another."
-        )
 
 
 def rotation_in(keys: Keys, key: str, rows: Sequence[float]) -> Float[np.ndarray, "3 3"]:

@@ -32,7 +32,7 @@ from gaussray.capture.formats.posed_pictures import (
     interpolated_poses,
     posed_capture,
 )
-from gaussray.capture.formats.sfm_project import head_of
+from gaussray.capture.formats.project_files import head_of
 from gaussray.io.safe.files import read_text
 
 
