@@ -12,7 +12,6 @@ from gaussray.capture.errors import CaptureError, CaptureWarning
 from gaussray.capture.picture_file import (
     PictureFile,
     StoredPicture,
-    alpha_mask,
     picture_size,
     read_stored,
     read_with_alpha,
@@ -174,7 +173,7 @@ def _visible(view: View, alpha: np.ndarray | None) -> Bool[np.ndarray, "h w"]:
     if view.mask is not None:
         visible &= read_mask(view.mask, width, height, view.window)
     if alpha is not None:
-        opaque = alpha_mask(alpha, alpha.shape)[..., None].astype(np.float32)
+        opaque = (alpha >= 0.5)[..., None].astype(np.float32)
         opaque = view.window.cut(opaque) if view.window else opaque
         if opaque.shape[:2] != visible.shape:
             opaque = averaged(opaque, width, height)

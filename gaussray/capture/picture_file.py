@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Bool
 
 from gaussray.capture.errors import CaptureError
 from gaussray.capture.orientation import is_turned, stored_orientation, upright_pixels
@@ -314,13 +313,3 @@ def _color_channels(spec: "oiio.ImageSpec") -> list[int]:
         return [names.index(name) for name in "RGB"]
     rest = [k for k in range(spec.nchannels) if k != spec.alpha_channel]
     return rest[:3] if len(rest) >= 3 else [rest[0]] * 3
-
-
-def alpha_mask(alpha: np.ndarray | None, shape: tuple[int, ...]) -> Bool[np.ndarray, "h w"]:
-    """Pixels of at least half alpha; all of them without alpha.
-
-    Args:
-        alpha: alpha [h, w] in 0..1; None if it is 1 everywhere.
-        shape: rows and columns of the result without alpha.
-    """
-    return np.ones(shape, bool) if alpha is None else alpha >= 0.5

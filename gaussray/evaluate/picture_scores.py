@@ -63,6 +63,8 @@ def score_picture(
     truth, image = (x if shown is None else x * shown[..., None] for x in (real, ours))
     row = _scores(truth, image, masks.moving(view, real), _counted(view, sees, shown))
     row |= _perceived(perceptual, truth, image, shown)
+    # What a mask hides as a whole has no score.
+    row = {name: x for name, x in row.items() if not (isinstance(x, float) and np.isnan(x))}
     row["seconds"] = None if frame.compiled else frame.seconds
     row["part"] = _part(view, trained)
     return ScoredPicture(row, real, ours, shown, _both(sees, shown))
@@ -79,9 +81,8 @@ def score_line(effect: str, view: View, row: Mapping[str, Any]) -> dict[str, Any
     named = {"effect": effect, "camera": view.camera_name, "time": view.time, "part": row["part"]}
     file = f"{effect}/{picture_file_name(view)}"
     figures = {name: x for name, x in row.items() if isinstance(x, float)}
-    # Equal pictures have an infinite PSNR, which JSON cannot represent. A picture that its mask
-    # hides has no scores.
-    figures = {n: x if np.isfinite(x) else None for n, x in figures.items() if not np.isnan(x)}
+    # Equal pictures have an infinite PSNR, which JSON cannot represent.
+    figures = {name: x if np.isfinite(x) else None for name, x in figures.items()}
     return named | {"file": file} | figures
 
 
@@ -140,7 +141,7 @@ def _perceived(
 ) -> dict[str, float]:
     """The perceptual scores over what is shown."""
     if shown is not None and not shown.any():
-        return dict.fromkeys(metrics, float("nan"))
+        return {}
     return {name: measure(real, ours, shown) for name, measure in metrics.items()}
 
 

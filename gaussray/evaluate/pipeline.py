@@ -173,7 +173,7 @@ class _Evaluation:
             if len(rows) == (len(views) + 1) // 2:
                 difference = side_by_side(real, ours, scored.shown)[:, -real.shape[1] :]
                 self.sheet.append((effect, [real, ours, difference]))
-            known = [row["psnr"] for row in rows if not np.isnan(row["psnr"])]
+            known = [row["psnr"] for row in rows if "psnr" in row]
             mean = f" {np.mean(known):.2f} dB" if known else ""
             self.progress.report(len(self.lines), f"{effect}{mean}")
 

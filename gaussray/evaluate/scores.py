@@ -81,7 +81,7 @@ def _means(rows: Sequence[dict[str, Any]], samples: int) -> dict[str, Any]:
     means: dict[str, Any] = {}
     for name in MEANS:
         # A picture that its mask hides has no score.
-        values = [row[name] for row in rows if name in row and not np.isnan(row[name])]
+        values = [row[name] for row in rows if name in row]
         if values:
             mean = float(np.mean(values))
             # Equal pictures have an infinite PSNR, which JSON cannot represent.

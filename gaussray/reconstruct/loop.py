@@ -98,7 +98,7 @@ def run_stage(
         if done >= plan.steps:
             break
     if isinstance(plan, TimedPlan):
-        needed = minutes_for_fewest(fit.minutes, plan) if plan.seconds_of_fewest else 0.0
+        needed = _minutes_for_fewest(fit.minutes, plan) if plan.seconds_of_fewest else 0.0
         session.shared.note((_ENOUGH, stage), needed)
     if sizes is not None:
         # Density control may have added rows.
@@ -118,7 +118,7 @@ def _say_changed(session: Session, stage: str, plan: StepPlan, done: int) -> Non
         say(short_time_sentence(session.options.fit.minutes, plan, stage, before or 0.0))
 
 
-def minutes_for_fewest(minutes: float, plan: TimedPlan) -> float:
+def _minutes_for_fewest(minutes: float, plan: TimedPlan) -> float:
     """The fit.minutes that have time for the fewest steps of a stage.
 
     Args:
@@ -128,9 +128,7 @@ def minutes_for_fewest(minutes: float, plan: TimedPlan) -> float:
     return math.ceil(10 * minutes * plan.seconds_of_fewest / plan.seconds) / 10
 
 
-def short_time_sentence(
-    minutes: float, plan: TimedPlan, stage: str = "", before: float = 0.0
-) -> str:
+def short_time_sentence(minutes: float, plan: TimedPlan, stage: str, before: float) -> str:
     """What is said where the fewest steps of a stage take longer than it has.
 
     Args:
@@ -143,7 +141,7 @@ def short_time_sentence(
     who = "this stage"
     if share < minutes:
         who = f"the {stage} stage gets {_readable(share)} minutes of them, and"
-    needed = max(minutes_for_fewest(minutes, plan), before)
+    needed = max(_minutes_for_fewest(minutes, plan), before)
     return (
         f"fit.minutes={minutes:g} is too short: {who} takes about {_readable(fewest)} minutes for "
         f"{plan.steps} steps, its fewest. fit.minutes={needed:g} has time for "

@@ -182,4 +182,6 @@ def screen_levels(path: Path, width: int, height: int) -> np.ndarray:
 def _as_levels(picture: np.ndarray) -> np.ndarray:
     if picture.dtype == np.uint8:
         return picture
+    if picture.dtype == np.uint16:
+        picture = picture / 65535
     return np.clip(np.round(picture * 255), 0, 255).astype(np.uint8)

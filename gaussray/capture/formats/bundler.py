@@ -81,7 +81,7 @@ def _model(
     text = re.sub(rb"#.*", b"", read_text(top.file).removeprefix(codecs.BOM_UTF8))
     numbers = _numbers(top, text)
     counts = list(islice(numbers, 2))
-    if len(counts) < 2 or not all(0 <= x < len(text) and x == int(x) for x in counts):
+    if len(counts) < 2 or not all(_is_count(x, len(text)) for x in counts):
         raise CaptureError(
             f"{top.file}: its second line must have the numbers of cameras and points, got "
             f"{', '.join(f'{x:g}' for x in counts) or 'nothing'}. Copy the file again."
@@ -95,9 +95,8 @@ def _model(
         rows.extend(islice(numbers, _POINT))
         views = next(numbers, -1.0)
         # Measurements are skipped.
-        length = _MEASUREMENT * int(views) if 0 <= views < len(text) else 0
-        skipped = sum(1 for _ in islice(numbers, length))
-        whole = 0 <= views < len(text) and skipped == length
+        length = _MEASUREMENT * int(views) if _is_count(views, len(text)) else -1
+        whole = length == sum(1 for _ in islice(numbers, max(length, 0)))
         if not whole:
             break
     rest = next(numbers, None)
@@ -107,6 +106,10 @@ def _model(
         raise CaptureError(f"{top.file}: {rule} {fault}. Copy it again.")
     table = np.frombuffer(rows).reshape(points, 2, 3)
     return np.frombuffer(cameras).reshape(count, _CAMERA), table[:, 0], table[:, 1]
+
+
+def _is_count(number: float, most: int) -> bool:
+    return 0 <= number < most and number == int(number)
 
 
 def _numbers(top: Keys, text: bytes) -> Iterator[float]:

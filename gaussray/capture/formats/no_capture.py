@@ -114,18 +114,24 @@ def _easymocap(folder: Path) -> str:
     file = next((p for p in sorted(folder.iterdir()) if p.name.lower() in _EASY_FILES), None)
     if file is None or not file.is_file():
         return ""
-    outer = [place for place in folders_in(folder) if any(p.is_dir() for p in place.iterdir())]
-    outer.sort(
-        key=lambda place: (
-            place.name != "images",
-            -sum(len(media_in(inner)) for inner in folders_in(place)),
-        )
-    )
-    videos = _folder_of_cameras(folder, file) or next(iter(outer), folder / "images")
+    videos = _folder_of_cameras(folder, file) or _fullest(folder)
     return (
         f"`gaussray prepare videos={videos} poses.calibration={folder} out=OUT` makes one of "
         f"the layout of EasyMocap and EasyVolcap ({file.name}). The folder must hold a folder, "
         "a video or a still picture of each camera, by the camera's name."
+    )
+
+
+def _fullest(folder: Path) -> Path:
+    """The folder of folders that hold most pictures and videos; `images` comes first."""
+    outer = [place for place in folders_in(folder) if any(p.is_dir() for p in place.iterdir())]
+    return min(
+        outer,
+        key=lambda place: (
+            place.name != "images",
+            -sum(len(media_in(inner)) for inner in folders_in(place)),
+        ),
+        default=folder / "images",
     )
 
 

@@ -65,7 +65,7 @@ def media_in(folder: Path) -> list[Path]:
     return [
         path
         for path in sorted(folder.iterdir())
-        if (_holds_media(path) if path.is_dir() else path.suffix.lower() in _MEDIA)
+        if path.suffix.lower() in _MEDIA or (path.is_dir() and _holds_media(path))
     ]
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from gaussray.prepare.calibrations.dlt_columns import (
     DLT_COUNT,
+    FLAT_COUNTS,
     dlt_columns,
     names_apart,
     refuse_square_table,
@@ -175,7 +176,7 @@ def _starts(lines: NumberedLines, place: int) -> bool:
 
 def _is_flat(lines: NumberedLines, place: int) -> bool:
     """Whether a line is a whole projection, or the coefficients of a DLT."""
-    return _are(lines, place, 1, 12) or _are(lines, place, 1, DLT_COUNT)
+    return any(_are(lines, place, 1, count) for count in FLAT_COUNTS)
 
 
 def _are(lines: NumberedLines, place: int, count: int, width: int) -> bool:

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gaussray.prepare.errors import PrepareError
+from gaussray.prepare.pose_math import camera_centre
 from gaussray.runtime.progress import say
 
 
@@ -51,7 +52,7 @@ def _closing(poses: Sequence[Float[np.ndarray, "3 4"]]) -> float:
     average over the pairs, from -2 to 2."""
     found = []
     for one, two in combinations(poses, 2):
-        apart = one[:, :3].T @ one[:, 3] - two[:, :3].T @ two[:, 3]  # from one to two
+        apart = camera_centre(two) - camera_centre(one)
         distance = np.linalg.norm(apart)
         if distance > 0:
             found.append(float(apart @ (one[2, :3] - two[2, :3]) / distance))

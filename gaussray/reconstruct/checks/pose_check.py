@@ -43,11 +43,10 @@ TURNED_COSINE = 0.97
 # the least number of matches: few may be wrong themselves, many are not. Wrong matches, and lenses
 # that are a little off, cost less.
 _WRONG = ((15, 10.0), (40, 4.0), (150, 1.5))
-# Of fewer matches than this a quarter must lie farther off than so many pixels, too: more than half
+# A pair with so many matches tells nothing unless most of them fit some pose. Of fewer matches than
+# the second number in all, a quarter must lie farther off than so many pixels, too: more than half
 # may be wrong themselves, but wrong poses leave next to none where they are.
-_FEW, _QUARTER = 40, 1.25
-# A pair with so many matches tells nothing unless most of them fit some pose.
-_JUDGED = 15
+_JUDGED, _FEW, _QUARTER = _WRONG[0][0], _WRONG[1][0], 1.25
 # Poses must be read otherwise if they are more than so many pixels off, and other axes explain at
 # least so many matches (`explains`). Of eight captures five had matches in turned pairs: 0.3 to
 # 1.2 pixels with their own axes, 2.6 to 31 with others. With a lens that is off, too, other axes
