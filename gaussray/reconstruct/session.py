@@ -1,9 +1,7 @@
 """What a reconstruction has at hand while it works on one segment of a capture."""
 
-import math
 from collections.abc import Hashable
-from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -15,29 +13,27 @@ from gaussray.camera.camera import Camera
 from gaussray.camera.corrections import refined_kinds, refined_views
 from gaussray.capture.capture import Capture
 from gaussray.capture.points import Points
-from gaussray.reconstruct.data.backdrop import backdrop_of, backdrop_sentence
-from gaussray.reconstruct.data.contrast import contrast_of, cost_at_contrast
+from gaussray.reconstruct.data.backdrop import backdrop_of
 from gaussray.reconstruct.data.held_out_tiles import HoldOut, held_out_tiles
 from gaussray.reconstruct.data.loader import GrowingWindow, Loader
 from gaussray.reconstruct.data.motion_mask import moved_pixels
-from gaussray.reconstruct.data.pictures import Footage, stacked
+from gaussray.reconstruct.data.pictures import stacked
 from gaussray.reconstruct.data.segments import Segment, training_views
 from gaussray.reconstruct.data.still_cameras import still_camera_count
 from gaussray.reconstruct.data.training_pictures import training_pictures
 from gaussray.reconstruct.initialize.appearance import Shown
 from gaussray.reconstruct.initialize.initializer import InitialPoints, initial_points
 from gaussray.reconstruct.log import RunLog
-from gaussray.reconstruct.optimize.density import DensityOptions
 from gaussray.reconstruct.optimize.optimizer import scene_of, transients_of
 from gaussray.reconstruct.optimize.rows import occupied, take_rows
 from gaussray.reconstruct.optimize.state import State
 from gaussray.reconstruct.options import ReconstructOptions
+from gaussray.reconstruct.picture_options import options_for_pictures
 from gaussray.reconstruct.run_progress import RunProgress
 from gaussray.reconstruct.shared_results import SharedResults
 from gaussray.runtime.progress import Progress, ProgressReport, say
 from gaussray.scene.gaussians import constrain
 from gaussray.scene.scene import Scene, key_count
-from gaussray.tracer.bundle import FAN
 from gaussray.tracer.shard import mesh_of_hosts
 
 
@@ -108,15 +104,12 @@ class Session:
             report=self.progress_bar("read", len(part.views), patience=2.0).report,
         )
         self.backdrop = backdrop_of(self.footage)
-        if self.backdrop is not None:
-            if not quiet and not self.is_continuation:
+        options, told = options_for_pictures(options, self.footage, self.backdrop)
+        if not quiet and not self.is_continuation:
+            for sentence in told:
                 # Once, also where trials of options come first.
-                sentence = backdrop_sentence(self.backdrop)
-                self.shared.once(sentence, lambda: say(sentence))
-            # What stands before it is all that there is.
-            options = eqx.tree_at(lambda o: o.fit, options, replace(options.fit, surround=0.0))
-        options = self._with_cost_at_contrast(options)
-        self.options = _with_tile_levels(options, self.footage)
+                self.shared.once(sentence, partial(say, sentence))
+        self.options = options
         every = self.footage.camera if len(part.views) == len(views) else stacked(views)
         names, owner = np.unique([view.camera_name for view in views], return_inverse=True)
         eye = np.concatenate([np.asarray(view.camera.trajectory.translation) for view in views])
@@ -144,22 +137,6 @@ class Session:
         )
         self.times = self.loader.sampler.times
         self.mesh = mesh_of_hosts(devices)
-
-    def _with_cost_at_contrast(self, options: ReconstructOptions) -> ReconstructOptions:
-        """The options with the cost of opacity that suits the contrast of the pictures, where
-        fit.auto has raised it."""
-        density = options.density
-        chosen = options.fit.auto and "density.opacity_cost" not in options.explicit_keys
-        if not chosen or density.opacity_cost <= DensityOptions().opacity_cost:
-            return options
-        cost = cost_at_contrast(density.opacity_cost, contrast_of(self.footage))
-        if cost < density.opacity_cost and not self.quiet and not self.is_continuation:
-            sentence = (
-                "The pictures are dark or plain: opacity costs "
-                f"{cost:.2g} instead of {density.opacity_cost:.2g} (density.opacity_cost)."
-            )
-            self.shared.once(sentence, lambda: say(sentence))
-        return eqx.tree_at(lambda o: o.density, options, replace(density, opacity_cost=cost))
 
     def _window(self) -> GrowingWindow | None:
         """The times that steps see at first: the first one, or, where control points begin at rest,
@@ -301,15 +278,6 @@ class Session:
             transient = transients_of(kept, self.cameras.times)
         scene = Scene(parts[0], parts[1], p.deformation, time_range, transient, shading=p.shading)
         return scene, np.concatenate(unmet)
-
-
-def _with_tile_levels(options: ReconstructOptions, footage: Footage) -> ReconstructOptions:
-    """The options with a coarser level of bundles, if the bundles of a tile fill one."""
-    trace = options.trace
-    block = trace.bundle * math.isqrt(FAN)
-    if trace.levels or footage.side % block:
-        return options
-    return eqx.tree_at(lambda o: o.trace, options, replace(trace, levels=1))
 
 
 def scene_extent(eye: Float[np.ndarray, "poses 3"], points: Points | None) -> float:
