@@ -441,7 +441,7 @@ def test_a_given_time_ends_a_fit_and_held_out_tiles_are_looked_at(instant, tmp_p
     fit = dataclasses.replace(STILL.fit, minutes=1e-3, validate=0.1)
     options = dataclasses.replace(STILL, fit=fit)
     reconstruct(instant, tmp_path, options=options, quiet=True)
-    # The time is over once the pace is known, after six blocks, at which tiles are looked at; or one
+    # The time is over once the pace is known, after six blocks, at which tiles are looked at; or a
     # block later, if the machine was slow for a while and the plan has grown.
     assert [step for step, _ in looks] in ([12], [12, 14]) and 0 < looks[0][1] < 60
     done = lines(tmp_path)
