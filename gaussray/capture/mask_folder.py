@@ -17,11 +17,13 @@ def with_mask_folder(capture: Capture) -> Capture:
 
     The mask of `images/a/b.jpg` is `masks/a/b.jpg.png` (COLMAP), `masks/a/b.png` (nerfstudio) or a
     picture of this name with another suffix. White pixels count. A warning tells how many pictures
-    have one, or that none of the files is one. Pictures to which the files give a mask keep it.
+    have one, or that none of the files is one. A capture whose files name masks is left as it is.
 
     Args:
-        capture: the capture, of a format whose files name no masks.
+        capture: the capture.
     """
+    if any(view.mask is not None for view in capture.all_views):
+        return capture
     masks = [_mask(capture.folder, view) for view in capture.views]
     found = sum(mask is not None for mask in masks)
     home = capture.folder / MASK_FOLDER
@@ -49,8 +51,8 @@ def with_mask_folder(capture: Capture) -> Capture:
 
 
 def _mask(folder: Path, view: View) -> Path | None:
-    """The mask of a picture in the folder of masks; None if it has none, or has one already."""
-    if view.mask is not None or not view.image.is_relative_to(folder):
+    """The mask of a picture in the folder of masks; None if it has none there."""
+    if not view.image.is_relative_to(folder):
         return None
     inner = view.image.relative_to(folder)
     if len(inner.parts) > 1 and inner.parts[0].startswith("images"):  # LLFF: images_2, images_4 ...

@@ -114,8 +114,10 @@ FORMAT_FILES = {
     "euroc": f"mav0/cam0/data/ and {SENSOR_FILE} beside it, and the table of the body",
 }
 
-# Formats whose files name no masks: these lie in a folder of their own.
+# Formats of which masks may lie in a folder of their own.
 _MASKED = (
+    "paired",
+    "splits",
     "colmap",
     "llff",
     "metashape",

@@ -28,6 +28,8 @@ _PNG_END = b"IEND\xaeB`\x82"
 # Values that are decoded at once, so that compositing takes little beside the picture; and rows
 # that OpenEXR compresses together at most, of which a block holds a multiple.
 _BLOCK, _ROWS = 1 << 20, 64
+# Undistortion changes the size of a picture by less than this share.
+_UNDISTORTED = 0.03
 
 
 @runtime_checkable
@@ -237,12 +239,25 @@ def check_size(path: Path | str, size: Sequence[int], width: int, height: int) -
     Raises:
         CaptureError: the size is another; the message names the file and both sizes.
     """
-    if tuple(size) != (width, height):
-        raise CaptureError(
-            f"{path}: the picture must be w x h = {width} x {height} as its camera says, "
-            f"got {size[0]} x {size[1]}. Resize the picture, or correct w and h together with "
-            "fl_x, fl_y, cx and cy, which are in pixels of that size."
+    if tuple(size) == (width, height):
+        return
+    remedy = (
+        "Resize the picture, or correct w and h together with fl_x, fl_y, cx and cy, which are in "
+        "pixels of that size."
+    )
+    if all(
+        abs(got - said) < _UNDISTORTED * said
+        for got, said in zip(size, (width, height), strict=True)
+    ):
+        remedy = (
+            "The camera may be that of an undistorted copy of the picture, which COLMAP makes of "
+            "a size a little different: use these copies, or the cameras of the pictures as they "
+            "are (capture=colmap where the folder has COLMAP's model of them)."
         )
+    raise CaptureError(
+        f"{path}: the picture must be w x h = {width} x {height} as its camera says, "
+        f"got {size[0]} x {size[1]}. {remedy}"
+    )
 
 
 def open_image(path: Path | str) -> "oiio.ImageInput":

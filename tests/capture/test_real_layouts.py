@@ -419,6 +419,23 @@ def test_masks_in_a_folder_beside_the_pictures_count(tmp_path):
         open_capture(tmp_path)
 
 
+@pytest.mark.filterwarnings("ignore:.*no frame has a time")
+def test_masks_in_a_folder_count_beside_a_json_file_that_names_none(static):
+    half = np.zeros((H, W, 3), np.uint8)
+    half[:, :5] = 255
+    write_image(static / "masks/0001.png", half)
+    with pytest.warns(CaptureWarning, match="masks: 1 of 5 pictures have a mask there"):
+        views = open_capture(static).views
+    assert [int(visible_pixels(view).sum()) for view in views] == [W * H, 5 * H, *[W * H] * 3]
+    document = json.loads((static / "transforms.json").read_text())
+    document["frames"][0]["mask_path"] = "masks/0001.png"
+    (static / "transforms.json").write_text(json.dumps(document))
+    with warnings.catch_warnings():
+        warnings.filterwarnings("error", "masks")
+        views = open_capture(static).views
+    assert [view.mask is not None for view in views] == [True, *[False] * 4]
+
+
 def dome(folder):
     """Two cameras, three time steps, as Dynamic 3D Gaussians have them; one camera is held out."""
     for name, cameras in (("train", (0, 1)), ("test", (7,))):

@@ -11,6 +11,7 @@ from gaussray.capture.errors import CaptureError, CaptureWarning
 from gaussray.capture.formats.paired import read_capture
 from gaussray.capture.frames import read_encoded
 from gaussray.capture.open import open_capture
+from gaussray.capture.picture_file import check_size
 from gaussray.capture.selection import Selection
 from gaussray.capture.stored_sizes import at_stored_sizes
 from gaussray.dataset.images import write_image
@@ -107,6 +108,11 @@ def test_pictures_of_another_shape_are_an_error(tmp_path, size):
         CaptureError, match=f"must be w x h = {W} x {H} .*, got {size[0]} x {size[1]}.*with fl_x"
     ):
         read_encoded(view)
+
+
+def test_of_a_slightly_different_shape_the_cameras_may_be_those_of_undistorted_copies():
+    with pytest.raises(CaptureError, match="1430 x 1071 .*, got 1440 x 1080.*undistorted copy"):
+        check_size("a.jpg", (1440, 1080), 1430, 1071)
 
 
 def test_pictures_of_several_sizes_have_cameras_of_their_own(tmp_path):
