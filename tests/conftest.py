@@ -249,7 +249,7 @@ def known_sizes():
     def of_program(scene, camera, part, *, settings):
         return room(settings.trace, scene.transient, camera.time.dtype)
 
-    def of_candidate(motion, rays, *, options):
+    def of_candidate(motion, rays, *, options, headroom):
         return room(options, motion.transient, rays.time.dtype)
 
     def of_block(state, views, batches, *_, options, mesh, keys, growth):

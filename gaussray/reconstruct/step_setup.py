@@ -15,14 +15,13 @@ from gaussray.reconstruct.session import Session
 from gaussray.reconstruct.step import measure_sizes
 from gaussray.reconstruct.step_loss import StepOptions
 from gaussray.runtime.devices import from_primary
+from gaussray.tracer.measure import kernel_capacity
 from gaussray.tracer.options import grid_levels, on_kernel
 from gaussray.tracer.traverse import Capacity
 
 
 # Sizes of what tiles see: persistent and transient Gaussians.
 _SEEN = 2
-# The lists of the CUDA kernel: entries of a list of one bundle (experiments/captures/log.md).
-_SLOTS = 1 << 14
 # Places for transient Gaussians that are alive: as many times as many as there are at first, and at
 # least a share of the rows, but no more than so many.
 _MORE_PLACES, _SHARE_OF_ROWS, _MOST_OF_SHARE = 1.25, 0.25, 1 << 16
@@ -76,8 +75,8 @@ def first_sizes(session: Session, state: State, batches: Batch) -> BlockSizes:
     mesh, keys, density = session.mesh, session.key_states(state), session.options.density
     count = gaussian_count(state)
     if on_kernel(session.options.trace, session.footage.camera.time.dtype):
-        none = (1,) * _levels(session)
-        return BlockSizes(Capacity(none, 1, _SLOTS, _places_alive(session, state)), mesh, keys)
+        capacity = kernel_capacity(_levels(session), _places_alive(session, state))
+        return BlockSizes(capacity, mesh, keys)
     sizes = measure_sizes(
         state,
         session.footage.camera,

@@ -146,7 +146,8 @@ def _transients(array: dict[str, np.ndarray], path: Path) -> Transients | None:
     if not any(name.startswith("transient.") for name in array):
         return None
     values = _rows(array, "transient", path, _OF_TRANSIENTS)
-    if not (values["lifetime"] > 0).all() or not (values["plateau"] >= 0).all():
+    lifetime, plateau = (np.asarray(values[name]) for name in ("lifetime", "plateau"))
+    if not (lifetime > 0).all() or not (plateau >= 0).all():
         raise ValueError(
             f"{path}: the array 'transient.lifetime' must be above 0 and 'transient.plateau' at "
             "least 0; the scene is damaged."

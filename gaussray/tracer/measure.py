@@ -18,8 +18,22 @@ from gaussray.tracer.traverse import Capacity, enlarged_size
 
 # Room in lists beyond what was needed, for other frames and steps.
 HEADROOM = 1.5
+# Places of a list of the CUDA kernel, which take little memory: more than all but the deepest of
+# fitted scenes need (experiments/captures/log.md).
+_KERNEL_SLOTS = 1 << 14
 
 
+def kernel_capacity(levels: int, transient: int = 0) -> Capacity:
+    """List sizes for the CUDA kernel that need no measurement: nearly all lists fit.
+
+    Args:
+        levels: for how many levels of bundles cells are found (`grid_levels`).
+        transient: places for transient Gaussians that are alive.
+    """
+    return Capacity((1,) * levels, 1, _KERNEL_SLOTS, transient)
+
+
+@eqx.filter_jit
 def _needed_sizes(
     motion, rays, *, options, capacity
 ) -> tuple[Int[Array, " sizes"], Int[Array, ""]]:
@@ -36,16 +50,18 @@ def _needed_sizes(
     return lists.needed, lists.dropped
 
 
-def _alive_count(motion: Motion, rays: Rays, options: TraceOptions) -> Int[Array, ""]:
-    """How many transient Gaussians some ray may meet."""
+@eqx.filter_jit
+def alive_count(motion: Motion, rays: Rays, options: TraceOptions) -> Int[Array, ""]:
+    """How many transient Gaussians some ray may meet.
+
+    Args:
+        motion: the scene across the times of the rays.
+        rays: the rays.
+        options: options of the tracer.
+    """
     none = Capacity((), 0, 0)
     scene = prepare(motion, time_span(rays), options=options, capacity=none)
     return jnp.zeros((), jnp.int32) if scene.living is None else scene.living.needed
-
-
-# Compiled once for all measurements with the same options.
-_search = eqx.filter_jit(_needed_sizes)
-_count_alive = eqx.filter_jit(_alive_count)
 
 
 def measure(
@@ -70,11 +86,14 @@ def measure(
         levels = grid_levels(options, rays.time.dtype)
         bundles = -(-rays.time.shape[-1] // options.bundle**2)
         trial = Capacity((256 * bundles,) * levels, 512 * bundles, 1024)
+        if on_kernel(options, rays.time.dtype):
+            # Too short ones would cost a compilation.
+            trial = kernel_capacity(levels)
     if motion.transient is not None and not trial.transient:
         # Known without a search, and all other sizes depend on it.
-        trial = replace(trial, transient=max(int(_count_alive(motion, rays, options)), 1))
+        trial = replace(trial, transient=max(int(alive_count(motion, rays, options)), 1))
     while True:
-        needed, dropped = _search(motion, rays, options=options, capacity=trial)
+        needed, dropped = _needed_sizes(motion, rays, options=options, capacity=trial)
         needed = [int(n) for n in needed]
         wanted = enlarged_capacity(trial, needed, headroom=headroom)
         if int(dropped) == 0:

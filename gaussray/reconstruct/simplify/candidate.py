@@ -35,8 +35,10 @@ class Candidate(eqx.Module):
 
 def whole_candidate(scene: Scene) -> Candidate:
     """The scene with nothing removed but what is transparent: spare rows."""
-    kept = jnp.concatenate([scene.static.opacity, scene.moving.opacity]) > 0
-    return Candidate(scene, scene.moving, kept, jnp.zeros(scene.moving.count, bool))
+    # On the host: nothing is compiled for every number of rows.
+    opacity = [np.asarray(part.opacity) for part in (scene.static, scene.moving)]
+    kept, resting = np.concatenate(opacity) > 0, np.zeros(scene.moving.count, bool)
+    return Candidate(scene, scene.moving, jnp.asarray(kept), jnp.asarray(resting))
 
 
 def in_shape_of(candidate: Candidate, scene: Scene) -> Candidate:

@@ -19,15 +19,23 @@ from gaussray.reconstruct.simplify.tile_views import TileView
 from gaussray.runtime.devices import from_primary
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.harmonics import C0
-from gaussray.tracer.measure import enlarged_capacity, measure
+from gaussray.tracer.measure import (
+    HEADROOM,
+    alive_count,
+    enlarged_capacity,
+    kernel_capacity,
+    measure,
+)
 from gaussray.tracer.motion import Motion, key_times_across, still
-from gaussray.tracer.options import TraceOptions
+from gaussray.tracer.options import TraceOptions, grid_levels, on_kernel
 from gaussray.tracer.shard import trace_sharded
 from gaussray.tracer.traverse import Capacity
 
 
 # Key states of one picture span at least this share of the scene's times.
 _LEAST_SPAN = 1e-4
+# Room in lists for other views than the one that is measured.
+_HEADROOM = 2.0
 
 
 class Tracing(eqx.Module):
@@ -95,14 +103,29 @@ class CandidateMeter:
     def _run(self, program: _Program, candidate: Candidate, view: TileView) -> np.ndarray:
         tracing = self.tracing
         if self.capacity is None:
-            motion = _motion(candidate, view, keys=tracing.keys)
-            self.capacity = measure(motion, view.rays, options=tracing.options)
+            self.capacity = self._first_capacity(candidate, view)
         while True:
             value, needed, dropped = program(candidate, view, tracing, self.capacity)
             if not int(dropped):
                 return np.asarray(value, np.float64)
             wanted = [int(n) for n in needed]
             self.capacity = enlarged_capacity(self.capacity, wanted)
+
+    def _first_capacity(self, candidate: Candidate, view: TileView) -> Capacity:
+        """List sizes that most likely suffice for all views: longer ones compile all again."""
+        options, dtype = self.tracing.options, view.rays.time.dtype
+        transient = candidate.scene.transient
+        if on_kernel(options, dtype):
+            count = 0 if transient is None else transient.count
+            return kernel_capacity(grid_levels(options, dtype), count)
+        motion = _motion(candidate, view, keys=self.tracing.keys)
+        capacity = measure(motion, view.rays, options=options, headroom=_HEADROOM)
+        if transient is None:
+            return capacity
+        motions = (_motion(candidate, v, keys=self.tracing.keys) for v in self.views)
+        alive = [alive_count(m, v.rays, options) for m, v in zip(motions, self.views, strict=True)]
+        wanted = int(HEADROOM * max(int(n) for n in alive))
+        return replace(capacity, transient=max(capacity.transient, wanted))
 
 
 @eqx.filter_jit

@@ -4,7 +4,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
 
 from gaussray.reconstruct.optimize.rows import take_rows
 from gaussray.reconstruct.simplify.candidate import Candidate, scale_rows
@@ -36,7 +35,7 @@ def finished_scene(candidate: Candidate) -> Scene:
         deformation = None
     elif isinstance(deformation, Deformation):
         held = np.asarray(body_of(deformation.bodies, scene.moving.mean))[moved]
-        deformation = _simplified(deformation, held)
+        deformation = jax.tree.map(jnp.asarray, _simplified(jax.device_get(deformation), held))
     still, mobile = (
         jax.tree.map(jnp.asarray, _without_zeros(x)) for x in (still, take_rows(moving, moved))
     )
@@ -70,7 +69,8 @@ def _joined(first: Gaussians, second: Gaussians) -> Gaussians:
 
 
 def _simplified(deformation: Deformation, held: np.ndarray) -> Deformation:
-    """The deformation for Gaussians that these bodies hold, without what does nothing."""
+    """The deformation for Gaussians that these bodies hold, without what does nothing; on the
+    host."""
     bodies, planes, trunk = deformation.bodies, deformation.planes, deformation.trunk
     held = np.unique(held)
     held = held[held < len(bodies.pivot)]
@@ -81,7 +81,7 @@ def _simplified(deformation: Deformation, held: np.ndarray) -> Deformation:
     )
     heads = [_or_none(getattr(deformation, name)) for name in HEADS]
     rows = scale_rows(planes)
-    used = [s for s, own in enumerate(rows) if np.any(np.asarray(trunk.weight[own]))]
+    used = [s for s, own in enumerate(rows) if np.any(trunk.weight[own])]
     weight, bias = (
         trunk.weight[np.concatenate([np.arange(0), *(rows[s] for s in used)])],
         trunk.bias,
@@ -96,7 +96,7 @@ def _simplified(deformation: Deformation, held: np.ndarray) -> Deformation:
     field = eqx.tree_at(
         lambda d: [d.bodies, d.planes, d.trunk],
         deformation,
-        [bodies, planes, Layer(weight, bias)],
+        [bodies, planes, Layer(jnp.asarray(weight), jnp.asarray(bias))],
     )
     return eqx.tree_at(
         lambda d: [getattr(d, name) for name in HEADS], field, heads, is_leaf=lambda x: x is None
@@ -115,6 +115,6 @@ def _or_none(head: tuple[Layer, Layer] | None) -> tuple[Layer, Layer] | None:
     return head if adds else None
 
 
-def _shortest(plane: Array) -> Array:
+def _shortest(plane: np.ndarray) -> np.ndarray:
     """One row of a time plane whose rows are all the same."""
-    return plane[:, :1] if np.all(np.asarray(plane == plane[:, :1])) else plane
+    return plane[:, :1] if np.all(plane == plane[:, :1]) else plane

@@ -13,7 +13,7 @@ from gaussray.camera.camera import Camera
 from gaussray.camera.rays import Rays
 from gaussray.capture.spread import spread_indices
 from gaussray.color import LEAST_MSE, psnr_from_mse
-from gaussray.reconstruct.data.batches import gather, tile_colors, tile_rays
+from gaussray.reconstruct.data.batches import Batch, gather, tile_colors, tile_rays
 from gaussray.reconstruct.data.pictures import Footage
 
 
@@ -136,8 +136,8 @@ def _mean_colors(footage: Footage) -> Float[np.ndarray, "frames 3"]:
 def one_color_psnr(views: Sequence[TileView]) -> float:
     """PSNR in dB of pictures that show nothing but the mean colour of their viewpoint, on these
     tiles."""
-    error = [np.asarray(v.weight[:, None] * (v.mean - v.truth) ** 2) for v in views]
-    square = [np.sum(x, dtype=np.float64) for x in error]
+    known = [(np.asarray(v.weight), np.asarray(v.mean), np.asarray(v.truth)) for v in views]
+    square = [np.sum(w[:, None] * (a - b) ** 2, dtype=np.float64) for w, a, b in known]
     weight = 3 * float(np.sum([np.sum(view.weight) for view in views]))
     return psnr_from_mse(float(np.sum(square)) / max(weight, 1.0), least=LEAST_MSE)
 
@@ -145,16 +145,20 @@ def one_color_psnr(views: Sequence[TileView]) -> float:
 def _tile_view(views: TrainingViews, known, frame, tile, time) -> TileView:
     """Tiles of frames at a time; `known` are the gain and the mean colour of each frame."""
     seen = views.footage
-    batch = jax.tree.map(lambda x: x[0], gather(seen, frame[None], tile[None], time[None]))
-    truth, weight = tile_colors(batch)
-    rays = _chief_rays(views.camera, batch.frame, batch.tile, side=seen.side, bundle=seen.bundle)
-    weight = weight * jnp.any(rays.direction != 0, axis=-1)
-    gain, mean = (jnp.repeat(jnp.asarray(x), seen.side**2, axis=0) for x in known)
-    return TileView(batch.time, rays, truth, weight, gain, mean)
+    batch = gather(seen, frame[None], tile[None], time[None])
+    return _seen_tiles(views.camera, batch, known, side=seen.side, bundle=seen.bundle)
 
 
+# One program: each operation by itself would be compiled as well.
 @eqx.filter_jit
-def _chief_rays(views: Camera, frame: Array, tile: Array, *, side: int, bundle: int | None) -> Rays:
-    camera = jax.tree.map(lambda x: x[frame], views)
-    rays = tile_rays(camera, tile, jnp.full((1, 5), 0.5), side=side, bundle=bundle)
-    return jax.tree.map(lambda x: x[0], rays)
+def _seen_tiles(
+    cameras: Camera, batches: Batch, known, *, side: int, bundle: int | None
+) -> TileView:
+    batch = jax.tree.map(lambda x: x[0], batches)
+    truth, weight = tile_colors(batch)
+    camera = jax.tree.map(lambda x: x[batch.frame], cameras)
+    rays = tile_rays(camera, batch.tile, jnp.full((1, 5), 0.5), side=side, bundle=bundle)
+    rays = jax.tree.map(lambda x: x[0], rays)
+    weight = weight * jnp.any(rays.direction != 0, axis=-1)
+    gain, mean = (jnp.repeat(jnp.asarray(x), side**2, axis=0) for x in known)
+    return TileView(batch.time, rays, truth, weight, gain, mean)
