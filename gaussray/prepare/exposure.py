@@ -29,10 +29,12 @@ class ObservedLevels(NamedTuple):
     Args:
         observed: 8-bit levels of each observation, means over 3 x 3 pixels.
         brightest: for each camera the level that few pixels of a picture exceed.
+        clipped: for each camera the share of a picture that is too bright to tell its light.
     """
 
     observed: Float[np.ndarray, "n 3"]
     brightest: dict[str, float]
+    clipped: dict[str, float]
 
 
 def observed_levels(placement: Placement, files: dict[str, list]) -> ObservedLevels:
@@ -44,7 +46,7 @@ def observed_levels(placement: Placement, files: dict[str, list]) -> ObservedLev
     """
     seen, model = placement.model.observations, placement.model
     levels = np.zeros((len(seen.point), 3))
-    brightest = {}
+    brightest, clipped = {}, {}
     for k, name in enumerate(model.pictures):
         lens, camera = model.lenses[k], placement.pictures[name].camera
         mine = np.flatnonzero(seen.picture == k)
@@ -56,11 +58,12 @@ def observed_levels(placement: Placement, files: dict[str, list]) -> ObservedLev
             if camera not in brightest:
                 shown = picture[::_STRIDE, ::_STRIDE]
                 brightest[camera] = float(np.percentile(shown, _BRIGHTEST))
+                clipped[camera] = float(np.mean((shown >= _BRIGHT).any(axis=2)))
             x, y = (np.clip(seen.xy[here, i].astype(int), 1, s - 2)
                     for i, s in ((0, lens["w"]), (1, lens["h"])))  # fmt: skip
             around = [picture[y + j, x + i] for i in (-1, 0, 1) for j in (-1, 0, 1)]
             levels[here] = np.mean(around, axis=0)
-    return ObservedLevels(levels, brightest)
+    return ObservedLevels(levels, brightest, clipped)
 
 
 def exposure_gains(

@@ -20,6 +20,7 @@ from gaussray.prepare.exposure import exposure_gains, observed_levels, point_lev
 from gaussray.prepare.facts import facts_of
 from gaussray.prepare.findings.cameras import camera_findings
 from gaussray.prepare.findings.clocks import sync_findings
+from gaussray.prepare.findings.doubtful_motion import doubtful_motion_findings
 from gaussray.prepare.findings.epipolar_lines import epipolar_findings
 from gaussray.prepare.findings.exposures import exposure_findings
 from gaussray.prepare.findings.finding import Finding, merged_findings
@@ -151,13 +152,13 @@ def _checked(
     levels = observed_levels(placement, files)
     pairs = epipolar_pairs(placement, _PAIRS)
     gains = exposure_gains(placement, levels)
-    found = [*remarks]
+    found = [*doubtful_motion_findings(placement), *remarks]
     found += camera_findings(placement)
     found += same_picture_findings(placement, files)
     found += lens_findings(placement) if placement.model.pictures else []
     found += point_findings(placement)
     found += epipolar_findings(placement, pairs)
-    found += exposure_findings(gains)
+    found += exposure_findings(gains, levels.clipped)
     facts = facts_of(sources, sync, timeline, files, placement, pairs, gains, out)
     facts["findings"] = [finding._asdict() for finding in merged_findings(found)]
     write_json(out / FACTS_FILE, facts)

@@ -66,6 +66,9 @@ class Placement:
         full_pictures: files of the pictures that may have more features than are taken; none where
             MANY_FEATURES are.
         overlays: drawings over the pictures, whose matches were not used.
+        strays: files of the pictures whose pose cannot be right (`without_strays`).
+        fov_given: the rough field of view is the user's (`poses.fov`).
+        rig_untold: the pictures do not tell whether any camera stands still; all are taken to move.
     """
 
     model: SparseModel
@@ -78,6 +81,9 @@ class Placement:
     more_instants: int = 0
     full_pictures: frozenset[str] = frozenset()
     overlays: tuple[PictureOverlay, ...] = ()
+    strays: frozenset[str] = frozenset()
+    fov_given: bool = False
+    rig_untold: bool = False
 
 
 def find_poses(
@@ -112,12 +118,13 @@ def find_poses(
     if known is not None:
         lenses = {(s.name, size): known[s.name].lens for s in sources for size in s.sizes}
     still, written = standing_by_options(everyone, timeline, known, options), None
+    untold = False
     if still is None:
         written = _write_pictures(sources, timeline, files, everyone, work, options)
         _extract(work, written, lenses, options)
         _check_features(work / _FEATURES)
         found = standing_cameras(work / _FEATURES, written, options.poses.seed)
-        still = found or frozenset()
+        still, untold = found or frozenset(), found is None
         tell_standing(found, everyone)
     if known is not None and still < everyone:
         raise PrepareError(
@@ -145,7 +152,14 @@ def find_poses(
     taken, full = options.poses.features, frozenset[str]()
     if taken < features.MANY_FEATURES:
         full = features.full_pictures(work / _FEATURES, taken, _masks_in(work))
-    return dataclasses.replace(placement, stride=stride, more_instants=more, full_pictures=full)
+    return dataclasses.replace(
+        placement,
+        stride=stride,
+        more_instants=more,
+        full_pictures=full,
+        fov_given=options.poses.fov > 0,
+        rig_untold=untold,
+    )
 
 
 def _check_features(database: Path) -> None:

@@ -11,6 +11,7 @@ from gaussray.prepare.findings.finding import Finding
 from gaussray.prepare.findings.listed_pictures import listed_pictures
 from gaussray.prepare.poses import Placement
 from gaussray.prepare.sparse_model import camera_centres, kept_pictures, observations_by_picture
+from gaussray.runtime.output import counted
 
 
 # Fewest observations of a picture of a camera that does not stand still: COLMAP gives a pose from
@@ -54,14 +55,17 @@ def without_strays(placement: Placement) -> tuple[Placement, list[Finding]]:
         strays = [picture for picture, stray in zip(pictures, wrong, strict=True) if stray]
         if strays:
             reasons.append(f"{listed_pictures(strays, placement)} ({reason})")
+    count, total = int(left.sum()), len(files)
     finding = Finding(
         "warn",
         "cameras",
-        f"left out for a pose that cannot be right: {'; '.join(reasons)}",
+        f"{count} of {counted(total, 'pose')} cannot be right, and the picture"
+        f"{'s are' if count > 1 else ' is'} left out: {'; '.join(reasons)}",
         "Take the pictures away, or add others between them and their neighbours. Pictures of "
         "cameras that stand still belong into a folder of each camera.",
     )
-    return _kept(placement, ~left), [finding]
+    strays = frozenset(file for file, wrong in zip(files, left, strict=True) if wrong)
+    return dataclasses.replace(_kept(placement, ~left), strays=strays), [finding]
 
 
 def _kept(placement: Placement, keep: Bool[np.ndarray, " pictures"]) -> Placement:

@@ -39,12 +39,15 @@ class Sync:
         confidence: in 0..1 by camera, of the best comparison with another one.
         disagreement: largest difference in seconds between a pair's delay and the offsets, by
             camera, over the comparisons that were used.
+        assumed: videos that no trusted comparison links with the first camera, and which are taken
+            to start with it.
     """
 
     method: str
     offsets: dict[str, float]
     confidence: dict[str, float]
     disagreement: dict[str, float]
+    assumed: frozenset[str] = frozenset()
 
 
 def synchronise(sources: Sequence[Source], options: SyncOptions) -> Sync:
@@ -82,7 +85,9 @@ def synchronise(sources: Sequence[Source], options: SyncOptions) -> Sync:
         if np.isfinite(found.offsets[k]):
             offsets[source.name] = float(found.offsets[k])
             disagreement[source.name] = float(found.disagreement[k])
-    return Sync(method, offsets, confidence, disagreement)
+    placed = np.isfinite(found.offsets)
+    assumed = frozenset(s.name for s, one in zip(videos, placed, strict=True) if not one)
+    return Sync(method, offsets, confidence, disagreement, assumed)
 
 
 def starts_together(sources: Sequence[Source]) -> dict[str, float]:
@@ -236,26 +241,26 @@ def _by_motion(videos: Sequence[Source], options: SyncOptions) -> Estimate:
     trusted &= trusted[0]
     late = np.where(trusted, found.offsets / MOTION_RATE, np.nan)
     rate = min(source.rate for source in videos)
-    if is_one_recording([source.count for source in videos], late[trusted], rate):
-        late[trusted] = 0
+    counts = np.array([source.count for source in videos])
+    for number in np.unique(counts[trusted]):
+        alike = trusted & (counts == number)
+        if is_one_recording(late[alike], rate):
+            late[alike] = 0 if alike[0] else np.median(late[alike])
     begin = np.array([source.times[0] for source in videos])
     return Estimate(late + begin[0] - begin, confidence, np.zeros(count))
 
 
-def is_one_recording(
-    counts: Sequence[int], offsets: Float[np.ndarray, " trusted"], rate: float
-) -> bool:
-    """Whether videos are of one recorder that starts and ends all cameras: they have equally many
-    frames, and less than a frame lies between their starts. Motion tells no shorter times: of a
-    man before four cameras at 6 frames a second it finds 0.12 s where there are at most 0.02.
+def is_one_recording(offsets: Float[np.ndarray, " alike"], rate: float) -> bool:
+    """Whether videos of equally many frames are of one recorder that starts and ends all cameras:
+    less than a frame lies between their starts. Motion tells no shorter times: of a man before four
+    cameras at 6 frames a second it finds 0.12 s where there are at most 0.02.
 
     Args:
-        counts: frames of each video.
         offsets: seconds by which the first frame of each is late, as motion tells them, of those
             for which it is trusted.
         rate: frames per second of the slowest video.
     """
-    return len(set(counts)) == 1 and len(offsets) > 1 and float(np.ptp(offsets)) * rate < 1
+    return len(offsets) > 1 and float(np.ptp(offsets)) * rate < 1
 
 
 def _shared_seconds(signals: Sequence[np.ndarray], offsets: np.ndarray) -> np.ndarray:

@@ -1,7 +1,7 @@
 """The common timestamps of all cameras, and the frame that each camera shows at each of them."""
 
 import dataclasses
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -40,6 +40,8 @@ class Timeline:
         frames: index of the frame of each camera at each timestamp.
         shifts: seconds by which that frame was exposed after its timestamp.
         numbers: how the pictures of the folders among the cameras belong together.
+        clocks: seconds from the first timestamp of each frame of each camera, also of those that
+            are not used; with `frames.span` of those within it alone.
     """
 
     rate: float
@@ -47,6 +49,7 @@ class Timeline:
     frames: dict[str, Int[np.ndarray, " times"]]
     shifts: dict[str, Float[np.ndarray, " times"]]
     numbers: FrameNumbers = FrameNumbers()
+    clocks: Mapping[str, Float[np.ndarray, " frames"]] = dataclasses.field(default_factory=dict)
 
     @property
     def is_static(self) -> bool:
@@ -96,10 +99,12 @@ def common_timeline(sources: Sequence[Source], sync: Sync, options: FramesOption
             f"the videos must overlap in time, got {spans} after synchronisation. Give the right "
             "offsets as sync.offsets=[...], or sync.method=none if they start together."
         )
-    whole = grid - grid[0]
+    whole, begin = grid - grid[0], float(grid[0])
+    asked = {name: clock - begin for name, clock in clocks.items()}
     if options.span:
         first, last = options.span
         grid = grid[(whole >= first - 1e-9) & (whole <= last + 1e-9)]
+        asked = {n: c[(c >= first - 1e-9) & (c <= last + 1e-9)] for n, c in asked.items()}
     if not len(grid):
         raise PrepareError(
             f"frames.span must lie in the common time of 0 to {whole[-1]:.2f} s, got "
@@ -107,7 +112,8 @@ def common_timeline(sources: Sequence[Source], sync: Sync, options: FramesOption
         )
     frames = {name: _nearest(clock, grid) for name, clock in clocks.items()}
     shifts = {name: clocks[name][index] - grid for name, index in frames.items()}
-    return Timeline(rate, grid - grid[0], frames, shifts, found)
+    used = {name: clock - (float(grid[0]) - begin) for name, clock in asked.items()}
+    return Timeline(rate, grid - grid[0], frames, shifts, found, used)
 
 
 def _photographs(source: Source, options: FramesOptions) -> Timeline:

@@ -41,7 +41,7 @@ def test_gains_are_found_by_shared_points():
     placement = placed([40, 40])
     light = np.tile(np.linspace(0.1, 0.4, 40), 2)[:, None] * np.repeat([1.0, 2.0], 40)[:, None]
     levels = np.repeat(encoded(light), 3, axis=1)
-    gains = exposure_gains(placement, ObservedLevels(levels, {"cam0": 150.0, "cam1": 200.0}))
+    gains = exposure_gains(placement, ObservedLevels(levels, {"cam0": 150.0, "cam1": 200.0}, {}))
     assert [count for _, count in gains.values()] == [40, 40]
     np.testing.assert_allclose(gains["cam0"][0], -0.5, atol=0.05)
     np.testing.assert_allclose(gains["cam1"][0], 0.5, atol=0.05)
@@ -53,7 +53,7 @@ def test_a_camera_without_shared_points_is_darker_or_unknown(brightest, stops):
     levels = np.full((len(placement.model.observations.point), 3), 100.0)
     levels[80:] = 8
     bright = {"cam0": 120.0, "cam1": 120.0, "cam2": brightest}
-    gain, count = exposure_gains(placement, ObservedLevels(levels, bright))["cam2"]
+    gain, count = exposure_gains(placement, ObservedLevels(levels, bright, {}))["cam2"]
     assert count == 0
     np.testing.assert_allclose(gain, stops, atol=0.2)
 
@@ -62,8 +62,12 @@ def test_pictures_have_brightness_without_any_observation(tmp_path):
     files = {}
     for k, level in enumerate((200, 9)):
         path = tmp_path / f"{k}.png"
-        write_image(path, np.full((48, 64, 3), level, np.uint8))
+        shown = np.full((48, 64, 3), level, np.uint8)
+        # One channel is enough to hide the light.
+        shown[: 12 * k, :, 1] = 255
+        write_image(path, shown)
         files[f"cam{k}"] = [path]
     levels = observed_levels(placed([30, 0]), files)
-    assert levels.brightest == {"cam0": 200.0, "cam1": 9.0}
+    assert levels.brightest == {"cam0": 200.0, "cam1": 255.0}
+    assert levels.clipped == {"cam0": 0.0, "cam1": 0.25}
     assert np.all(levels.observed == 200)

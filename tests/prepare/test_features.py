@@ -87,6 +87,31 @@ def test_pictures_with_as_many_features_as_are_taken_are_told_from_others(tmp_pa
         assert features.full_pictures(database, most) == full
 
 
+@pytest.mark.parametrize("size", [(600, 300), (4800, 60)])
+def test_a_picture_is_not_full_where_all_levels_of_scale_were_taken(tmp_path, size):
+    """COLMAP takes whole levels: more features than asked for may be all that there are."""
+    noise = np.random.default_rng(0).integers(0, 256, (size[1], size[0], 3), np.uint8)
+    write_image(tmp_path / "0.png", noise)
+    pictures = [features.MatchingPicture("0.png", "a", 0, size)]
+
+    def found(most):
+        database = tmp_path / f"{most}.db"
+        with quiet_colmap():
+            options = PosesOptions(model="pinhole", features=most)
+            features.extract_features(database, tmp_path, [pictures], options)
+            xy = features.read_keypoints(database, pictures)["0.png"].xy
+        return len(np.unique(xy, axis=0)), features.full_pictures(database, most)
+
+    every, full = found(100_000)
+    assert every > 200 and not full
+    # One less than there are.
+    count, full = found(every - 1)
+    assert count == every and not full
+    # The finest level alone is left out.
+    count, full = found(every // 4)
+    assert every // 4 <= count < every and full == {"0.png"}
+
+
 def test_a_picture_of_which_a_mask_leaves_half_may_have_more_features(tmp_path, painted):
     level = picture(arc(3)[1], painted)
     pictures, masks = written(tmp_path, [level]), tmp_path / "masks"

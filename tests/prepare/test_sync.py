@@ -1,16 +1,18 @@
 """One clock for all cameras."""
 
+import pathlib
+
 import numpy as np
 import pytest
 from quads import RATE, arc, mover_at, picture, textures, write_video
 
 from gaussray.prepare import sync
-from gaussray.prepare.consensus import consensus
+from gaussray.prepare.consensus import Consensus, consensus
 from gaussray.prepare.correlation import Delay, confidence, parabola_peak
 from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.motion import MOTION_RATE, motion_scores, motion_signal
 from gaussray.prepare.options import SyncOptions
-from gaussray.prepare.sources import find_sources
+from gaussray.prepare.sources import Source, find_sources
 from gaussray.prepare.sync import (
     Estimate,
     is_one_recording,
@@ -149,17 +151,43 @@ def test_offsets_that_are_known_are_used(late):
 
 
 @pytest.mark.parametrize(
-    ("counts", "offsets", "one"),
+    ("offsets", "one"),
     [
-        ([48, 48, 48], [0.0, 0.12, -0.02], True),
-        ([48, 48, 48], [0.0, 0.17, 0.0], False),
-        ([48, 48, 48], [0.0, 0.12, -0.06], False),
-        ([48, 47, 48], [0.0, 0.12, -0.02], False),
-        ([48, 48, 48], [0.0], False),
+        ([0.0, 0.12, -0.02], True),
+        ([0.0, 0.17, 0.0], False),
+        ([0.0, 0.12, -0.06], False),
+        ([0.0], False),
     ],
 )
-def test_equal_videos_less_than_a_frame_apart_start_together(counts, offsets, one):
-    assert is_one_recording(counts, np.array(offsets), rate=6.0) is one
+def test_equal_videos_less_than_a_frame_apart_start_together(offsets, one):
+    assert is_one_recording(np.array(offsets), rate=6.0) is one
+
+
+@pytest.mark.parametrize(
+    ("counts", "expected"),
+    [
+        ([48, 20, 48, 48], [0.0, 0.1, 0.0, 0.0]),
+        ([48, 48, 48, 48], [0.0, 0.0, 0.0, 0.0]),
+        ([48, 20, 20, 47], [0.0, 0.03, 0.03, 0.02]),
+    ],
+)
+def test_videos_of_one_length_start_together_beside_shorter_ones(monkeypatch, counts, expected):
+    """Motion finds delays of 0.1, -0.04 and 0.02 s, at 6 frames a second."""
+    found = [0.0, 0.1, -0.04, 0.02]
+    samples = Consensus(np.array(found) * MOTION_RATE, np.ones(4))
+    monkeypatch.setattr(sync, "consensus", lambda *_: samples)
+    monkeypatch.setattr(sync, "motion_energy", lambda source, on_frame: np.zeros(source.count))
+    monkeypatch.setattr(sync, "motion_signal", lambda times, energy: np.zeros(10_000))
+    most = round(SyncOptions().longest * MOTION_RATE)
+    ones = np.ones(2 * most + 1)
+    monkeypatch.setattr(sync, "motion_scores", lambda *_: (ones, ones))
+    path = pathlib.Path("a.mp4")
+    sources = [
+        Source(f"{k}", path, (), np.arange(count) / 6, ((64, 48),))
+        for k, count in enumerate(counts)
+    ]
+    offsets = synchronise(sources, SyncOptions(method="motion")).offsets
+    assert list(offsets.values()) == pytest.approx(expected, abs=1e-6)
 
 
 def test_sound_is_not_demanded_of_silent_videos(late):

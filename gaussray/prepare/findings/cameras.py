@@ -3,8 +3,10 @@
 import numpy as np
 
 from gaussray.prepare.findings.finding import Finding
+from gaussray.prepare.findings.lens_advice import lens_advice
 from gaussray.prepare.findings.listed_pictures import listed_pictures
-from gaussray.prepare.findings.more_matches import more_matches
+from gaussray.prepare.findings.more_matches import finds_more_matches, more_matches
+from gaussray.prepare.findings.untested_poses import untested_pictures
 from gaussray.prepare.placed_cameras import neighbour_angles
 from gaussray.prepare.poses import Placement
 from gaussray.runtime.output import listed_names
@@ -20,28 +22,34 @@ def camera_findings(placement: Placement) -> list[Finding]:
     """Registered pictures, and the angles between neighbours."""
     model = placement.model
     total, found = len(placement.pictures), len(model.pictures)
-    missing = [p for f, p in placement.pictures.items() if f not in model.pictures]
-    lens = (
-        "check that poses.lens is of this camera, zoom and size of pictures, or leave it out."
-        if model.focal_source == "lens"
-        else "poses.lens=FILE or poses.fov=DEGREES if you know the lens; or give a calibration."
-    )
-    more = more_matches(placement, missing)
-    finds = f"{' and '.join(more)} {'find' if len(more) > 1 else 'finds'} more matches; "
+    missing = [
+        picture
+        for file, picture in placement.pictures.items()
+        if file not in model.pictures and file not in placement.strays
+    ]
+    finds = finds_more_matches(more_matches(placement, missing))
     remedy = (
         "Add cameras between their neighbours, or pictures with more texture; "
-        f"{finds if more else ''}{lens}"
+        f"{finds}{'; ' if finds else ''}{lens_advice(placement)}; or give a calibration."
     )
     if found < max(2, REGISTERED * total):
-        text = f"only {found} of {total} pictures have a pose"
+        right = " that can be right" if placement.strays else ""
+        text = f"only {found} of {total} pictures have a pose{right}"
+        if placement.rig_untold:
+            remedy += " If the cameras stand still, set poses.rig=still."
         return [Finding("refuse", "cameras", text, remedy)]
     if missing:
         names = listed_pictures(missing, placement)
-        text = f"{found} of {total} pictures have a pose; left out: {names}"
+        text = f"{total - len(missing)} of {total} pictures have a pose; left out: {names}"
         findings = [Finding("warn", "cameras", text, remedy)]
+    elif placement.strays:
+        # Their own finding says so (`without_strays`).
+        findings = []
     else:
-        kind = "a calibrated" if placement.known else "a"
-        findings = [Finding("good", "cameras", f"all {total} pictures have {kind} pose")]
+        untested = len(untested_pictures(placement))
+        kind = f"a {'calibrated ' if placement.known else ''}pose"
+        but = f", {untested} of which no match tests" if untested else ""
+        findings = [Finding("good", "cameras", f"all {total} pictures have {kind}{but}")]
     if len(model.points) and found > 1:
         apart = neighbour_angles(placement)
         cameras = [placement.pictures[file].camera for file in model.pictures]

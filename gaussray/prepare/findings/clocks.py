@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from gaussray.prepare.findings.common_time import common_time_findings
 from gaussray.prepare.findings.finding import Finding
 from gaussray.prepare.findings.numbered_frames import numbered_frames_findings
 from gaussray.prepare.options import SyncOptions
@@ -23,7 +24,9 @@ def sync_findings(
     """
     findings = []
     videos = [source.name for source in sources if source.is_video]
-    weak = [name for name in videos if sync.confidence[name] < options.trust]
+    weak = [
+        name for name in videos if sync.confidence[name] < options.trust or name in sync.assumed
+    ]
     if sync.method not in ("none", "known") and len(videos) > 1:
         by = f"by {sync.method}, confidence {min(sync.confidence[n] for n in videos):.2f} or more"
         if not weak:
@@ -33,8 +36,7 @@ def sync_findings(
                 Finding(
                     "warn",
                     "sync",
-                    f"{', '.join(weak)}: no trusted synchronisation by {sync.method}; taken to "
-                    "start with the first camera",
+                    _assumed_text(weak, videos, sync.method),
                     "If they do not, give sync.offsets=[...]; fit.refine=[offset] refines what is "
                     "off by less than a few frames.",
                 )
@@ -64,4 +66,16 @@ def sync_findings(
                 "Record all cameras at one rate to use all their frames.",
             )
         )
+    findings += common_time_findings(sources, timeline)
     return findings + numbered_frames_findings(sources, timeline)
+
+
+def _assumed_text(weak: Sequence[str], videos: Sequence[str], method: str) -> str:
+    """Which videos have no trusted offset, and with which one they are taken to start."""
+    sure = [name for name in videos if name not in weak]
+    if sure:
+        return (
+            f"{', '.join(weak)}: no trusted synchronisation by {method}; taken to start with "
+            f"{sure[0]}"
+        )
+    return f"no trusted synchronisation by {method}; all videos are taken to start together"

@@ -14,6 +14,7 @@ from gaussray.prepare.contradictions import (
 from gaussray.prepare.epipolar import EpipolarPair
 from gaussray.prepare.findings.calibration_readings import better_reading
 from gaussray.prepare.findings.finding import Finding
+from gaussray.prepare.findings.lens_advice import lens_advice
 from gaussray.prepare.findings.pair_distances import (
     EVIDENCE,
     PairDistance,
@@ -35,11 +36,6 @@ _MOVED = (
     "Such a camera was moved or turned since the calibration, or its lens, zoom or picture size "
     "is another one: calibrate it again, or take its video away; fit.refine=[pose,lens] mends "
     "small errors."
-)
-_MISPLACED = (
-    "Look at where these stand (gaussray view). Larger pictures, or others between them and their "
-    "neighbours, find more matches; poses.lens=FILE or poses.fov=DEGREES if you know the lens; or "
-    "take them away."
 )
 _CORRECT = "Correct the calibration, or check the order of the cameras and their names."
 
@@ -63,7 +59,11 @@ def epipolar_findings(placement: Placement, pairs: Sequence[EpipolarPair]) -> li
     text = f"matches are {typical:.2f} pixels from their epipolar lines (median of the pairs)"
     doubtful = typical > DOUBTFUL_LINES * scale
     if not placement.known and not doubtful and (found := _misplaced(placement)):
-        return [Finding("warn", "epipolar lines", f"{text}; {found}", _MISPLACED)]
+        remedy = (
+            "Look at where these stand (gaussray view). Larger pictures, or others between them "
+            f"and their neighbours, find more matches; {lens_advice(placement)}; or take them away."
+        )
+        return [Finding("warn", "epipolar lines", f"{text}; {found}", remedy)]
     if placement.known and (
         cause := _cause(placement, max(DOUBTFUL_LINES * scale, _LEAST), doubtful)
     ):

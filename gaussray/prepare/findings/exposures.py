@@ -1,5 +1,7 @@
 """Whether the cameras show one thing equally bright."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from gaussray.prepare.exposure import LEAST_SHARED
@@ -9,21 +11,38 @@ from gaussray.runtime.output import first_of
 
 # Stops by which exposures may differ.
 STOPS = 0.15
+# Share of a picture, beyond that of the other cameras, that is clipped where it is too bright.
+_CLIPPED = 0.25
 # Names that are listed, at most.
 _LISTED = 8
 
 
-def exposure_findings(gains: dict[str, tuple[np.ndarray, int]]) -> list[Finding]:
-    """Differences of brightness between cameras, and cameras too dark to compare."""
+def exposure_findings(
+    gains: dict[str, tuple[np.ndarray, int]], clipped: Mapping[str, float]
+) -> list[Finding]:
+    """Differences of brightness between cameras, and cameras too dark or too bright to compare.
+
+    Args:
+        gains: gain of each camera and number of its observations (`exposure_gains`).
+        clipped: for each camera the share of its picture that is clipped (`observed_levels`).
+    """
     known = {name: gain for name, (gain, count) in gains.items() if count >= LEAST_SHARED}
     dark = [name for name in gains if name not in known and np.any(gains[name][0] < 0)]
     findings = [_too_dark(name, gains[name][0]) for name in dark]
+    # A white wall is as white in the others.
+    usual = float(np.median([clipped[name] for name in known])) if known else 0.0
+    findings += [
+        _too_bright(name, clipped[name])
+        for name in gains
+        if name not in known and clipped[name] - usual > _CLIPPED
+    ]
     if len(known) < 2:
         text = "too few shared points to compare the cameras' exposures"
         remedy = "fit.refine=[exposure] if pictures of one thing differ in brightness."
         return [*findings, Finding("warn", "exposure", text, remedy)] if len(gains) > 1 else []
     left = [name for name in gains if name not in known]
-    but = f" ({first_of(left, _LISTED)} not compared)" if left else ""
+    why = f"fewer than {LEAST_SHARED} shared points that are neither black nor clipped"
+    but = f" ({first_of(left, _LISTED)} not compared: {why})" if left else ""
     worst = max(known, key=lambda name: np.abs(known[name]).max())
     size = float(np.abs(known[worst]).max())
     if size > STOPS:
@@ -31,6 +50,16 @@ def exposure_findings(gains: dict[str, tuple[np.ndarray, int]]) -> list[Finding]
         remedy = "fit.refine=[exposure]; better: lock exposure and white balance when recording."
         return [*findings, Finding("warn", "exposure", text, remedy)]
     return [*findings, Finding("good", "exposure", f"cameras agree to {size:.2f} stops{but}")]
+
+
+def _too_bright(name: str, share: float) -> Finding:
+    """The finding about a camera of whose picture so large a share is clipped."""
+    text = f"{name} is too bright to compare: {100 * share:.0f} % of its picture is clipped"
+    remedy = (
+        "Close its aperture or expose shorter, or take its video away; nothing brings back what is "
+        "clipped."
+    )
+    return Finding("warn", "exposure", text, remedy)
 
 
 def _too_dark(name: str, gain: np.ndarray) -> Finding:

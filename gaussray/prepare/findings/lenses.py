@@ -3,6 +3,7 @@
 import re
 
 from gaussray.prepare.findings.finding import Finding
+from gaussray.prepare.findings.lens_advice import lens_advice
 from gaussray.prepare.lens_check import is_unreadable, lens_complaint
 from gaussray.prepare.lens_models import lens_fov
 from gaussray.prepare.placed_cameras import camera_lenses
@@ -22,6 +23,9 @@ def lens_findings(placement: Placement) -> list[Finding]:
     lenses = camera_lenses(placement)
     by_lens = placement.model.focal_source == "lens"
     given = placement.known or by_lens
+    rough = "give the rough field of view in degrees, poses.fov=70"
+    if placement.fov_given:
+        rough = lens_advice(placement)
     for name, lens in lenses.items():
         focals.setdefault((lens["w"], lens["h"]), {})[name] = lens["fl_x"]
         level, reason = lens_complaint(lens)
@@ -40,8 +44,8 @@ def lens_findings(placement: Placement) -> list[Finding]:
                     level,
                     "lens",
                     f"{listed}: estimated {reason}",
-                    "Estimate less: poses.intrinsics=shared poses.model=pinhole; give the rough "
-                    "field of view in degrees, poses.fov=70; or give a calibration.",
+                    "Estimate less: poses.intrinsics=shared poses.model=pinhole; "
+                    f"{rough}; or give a calibration.",
                 )
             )
     for same in focals.values():
@@ -61,7 +65,8 @@ def lens_findings(placement: Placement) -> list[Finding]:
             "the pictures do not tell the focal length: one 20 % shorter or longer explains them "
             f"as well; {across} degrees across the width are a guess"
         )
-        remedy = "If you know the lens, poses.lens=FILE or poses.fov=DEGREES."
+        clause = lens_advice(placement)
+        remedy = f"{clause.capitalize() if placement.fov_given else clause}."
         findings.append(Finding("warn", "lens", text, remedy))
     if not findings:
         text = f"horizontal fields of view of {across} degrees"

@@ -5,6 +5,7 @@ import numpy as np
 from gaussray.prepare.findings.finding import Finding
 from gaussray.prepare.findings.listed_pictures import listed_pictures
 from gaussray.prepare.findings.more_matches import more_matches
+from gaussray.prepare.findings.untested_poses import untested_pictures
 from gaussray.prepare.poses import Placement
 from gaussray.prepare.sparse_model import observations_by_picture
 
@@ -34,12 +35,22 @@ def point_findings(placement: Placement) -> list[Finding]:
     fewest = OBSERVATIONS
     if placement.known:
         fewest = round(max(OBSERVATIONS * min(1, scale), _TESTING))
-    weak = [picture for picture, count in counts if count < fewest]
+    untested = untested_pictures(placement)
+    weak = [picture for picture, count in counts if count < fewest and picture not in untested]
     median = float(np.median(model.observations.error))
     findings = []
     if median > DOUBTFUL_ERROR * scale:
         text = f"the median reprojection error is {median:.2f} pixels"
         remedy = "fit.refine=[pose,lens] may repair it; look at the epipolar lines first."
+        findings.append(Finding("warn", "points", text, remedy))
+    if untested:
+        names = listed_pictures(untested, placement)
+        text = f"{names}: no match with any other camera; nothing tests the pose"
+        more = ", ".join(more_matches(placement, untested))
+        remedy = (
+            "Compare the pictures with those that gaussray evaluate renders from the same place. "
+            f"Matches: cameras closer to each other, more texture{'; ' if more else ''}{more}."
+        )
         findings.append(Finding("warn", "points", text, remedy))
     if weak:
         names = listed_pictures(weak, placement)

@@ -29,7 +29,9 @@ def placed(angles, missing=0, known=False):
 
 @pytest.mark.parametrize("known", [True, False])
 def test_all_cameras_beside_each_other_are_good(known):
-    (finding,) = camera_findings(placed([0, 44, 88], known=known))
+    found = placed([0, 44, 88], known=known)
+    pairs = {(f"camera{k}.png", f"camera{k + 1}.png"): np.zeros((20, 2), int) for k in range(2)}
+    (finding,) = camera_findings(dataclasses.replace(found, matches=pairs))
     assert finding.level == "good" and "all 3 pictures" in finding.text
     assert ("calibrated" in finding.text) == known
 
@@ -70,7 +72,7 @@ def test_more_timestamps_are_recommended_only_where_a_still_camera_has_them(more
     found = found if still else dataclasses.replace(found, still=frozenset())
     remedy = camera_findings(found)[0].remedy
     assert ("frames.instants=8 find more" in remedy) == (more > 0 and still)
-    assert "larger pictures (these have 4 pixels)" in remedy
+    assert ("larger pictures (these have 4 pixels) find more" in remedy) != (more > 0 and still)
 
 
 @pytest.mark.parametrize(("full", "key"), [("camera3.png", "poses.features=16384"), ("", "")])
@@ -83,4 +85,27 @@ def test_nothing_is_said_to_find_more_matches_where_nothing_does(full, key):
     assert remedy == (
         f"Add cameras between their neighbours, or pictures with more texture; {more}"
         "poses.lens=FILE or poses.fov=DEGREES if you know the lens; or give a calibration."
+    )
+
+
+def test_a_field_of_view_that_is_given_is_not_asked_for():
+    found = placed([0, 20], missing=2)
+    assert "poses.fov=DEGREES" in camera_findings(found)[0].remedy
+    remedy = camera_findings(dataclasses.replace(found, fov_given=True))[0].remedy
+    assert "poses.fov=" not in remedy
+    assert "check poses.fov, or give poses.lens=FILE in its place if you know the lens" in remedy
+    lens = dataclasses.replace(found.model, focal_source="lens")
+    remedy = camera_findings(dataclasses.replace(found, model=lens))[0].remedy
+    assert "poses.fov" not in remedy and "check that poses.lens is of this camera" in remedy
+
+
+@pytest.mark.parametrize("matched", [True, False])
+def test_calibrated_poses_that_no_match_tests_are_counted(matched):
+    found = placed([0, 44, 88], known=True)
+    pairs = {("camera0.png", "camera1.png"): np.zeros((20, 2), int)}
+    pairs[("camera1.png", "camera2.png")] = np.zeros((20 * matched, 2), int)
+    (finding,) = camera_findings(dataclasses.replace(found, matches=pairs))
+    assert finding.level == "good"
+    assert finding.text == "all 3 pictures have a calibrated pose" + (
+        "" if matched else ", 1 of which no match tests"
     )

@@ -34,6 +34,27 @@ def test_an_offset_is_doubtful_below_the_confidence_that_is_asked_for():
     assert weak.level == "warn" and weak.text.startswith("b: no trusted synchronisation by audio")
 
 
+def test_videos_without_a_trusted_offset_start_with_one_that_has_it():
+    sources = [video(name, 10, 40) for name in "abc"]
+    zeros = dict.fromkeys("abc", 0.0)
+    line = common_timeline(sources, Sync("none", zeros, zeros, zeros), FramesOptions())
+
+    def text(assumed, **confidence):
+        sync = Sync("motion", zeros, confidence, zeros, frozenset(assumed))
+        (finding,) = sync_findings(sources, sync, line, SyncOptions(trust=0.5))
+        assert finding.level == "warn"
+        return finding.text
+
+    some = "c: no trusted synchronisation by motion; taken to start with a"
+    assert text("", a=0.9, b=0.9, c=0.2) == text("c", a=0.9, b=0.9, c=0.2) == some
+    none = "no trusted synchronisation by motion; all videos are taken to start together"
+    assert text("", a=0.1, b=0.2, c=0.2) == none
+    # Whatever is known of the others does not count if the first one cannot be compared with them.
+    assert text("abc", a=0.1, b=0.9, c=0.9) == none
+    # Sound links the others: the first of these starts with the first camera.
+    assert text("a", a=0.1, b=0.9, c=0.9).endswith("by motion; taken to start with b")
+
+
 def test_offsets_that_are_given_need_no_confidence():
     pair = [video("a", 10, 40), video("b", 10, 40)]
     for method, text in (("none", "start together"), ("known", "offsets are given")):

@@ -124,6 +124,9 @@ def test_a_pair_that_contradicts_estimated_poses_is_named_where_neither_picture_
     finding = said(dataclasses.replace(placement, matches=matches))
     assert finding.level == "warn" and "those of cam2 and cam3 " in finding.text
     assert "one of both is misplaced" in finding.text
+    assert "poses.fov=DEGREES if you know the lens; or take them away" in finding.remedy
+    given = said(dataclasses.replace(placement, matches=matches, fov_given=True))
+    assert "poses.fov=" not in given.remedy and "check poses.fov" in given.remedy
     few = {pair: rows[:60] for pair, rows in matches.items()}
     assert said(dataclasses.replace(placement, matches=few)).level == "good"
 

@@ -6,32 +6,53 @@ from gaussray.prepare.exposure import LEAST_SHARED
 from gaussray.prepare.findings.exposures import exposure_findings
 
 
+NOT_COMPARED = (
+    f"not compared: fewer than {LEAST_SHARED} shared points that are neither black nor clipped)"
+)
+
+
+def found(gains, **clipped):
+    """The findings about cameras of whose pictures such shares are clipped."""
+    return exposure_findings(gains, dict.fromkeys(gains, 0.0) | clipped)
+
+
 def gains(count=LEAST_SHARED, **stops):
     return {name: (np.array([0, stop, 0]), count) for name, stop in stops.items()}
 
 
 def test_the_channel_that_differs_most_decides():
-    (good,) = exposure_findings(gains(a=0.14, b=-0.1))
+    (good,) = found(gains(a=0.14, b=-0.1))
     assert good.level == "good" and good.text == "cameras agree to 0.14 stops"
-    (doubt,) = exposure_findings(gains(a=0.1, b=-0.16))
+    (doubt,) = found(gains(a=0.1, b=-0.16))
     assert doubt.level == "warn" and doubt.text.startswith("b differs")
     assert "0.16 stops" in doubt.text
 
 
 def test_cameras_that_share_few_points_are_not_compared():
     few = gains(LEAST_SHARED - 1, b=0.0, c=0.0)
-    (doubt,) = exposure_findings(gains(a=0.0) | few)
+    (doubt,) = found(gains(a=0.0) | few)
     assert doubt.level == "warn" and "too few shared points" in doubt.text
-    assert exposure_findings(gains(a=0.0)) == []
-    (good,) = exposure_findings(gains(a=0.0, d=0.0) | few)
-    assert good.level == "good" and good.text.endswith("agree to 0.00 stops (b, c not compared)")
+    assert found(gains(a=0.0)) == []
+    (good,) = found(gains(a=0.0, d=0.0) | few)
+    assert good.level == "good" and good.text.endswith(f"agree to 0.00 stops (b, c {NOT_COMPARED}")
 
 
 def test_a_camera_that_is_nearly_black_is_told_and_not_said_to_agree():
     dark = {"c": (np.full(3, -4.2), 3)}
-    black, good = exposure_findings(gains(a=0.0, b=0.1) | dark)
+    black, good = found(gains(a=0.0, b=0.1) | dark)
     assert black.level == "warn" and black.text.startswith("c is too dark to compare")
     assert "about 4 stops darker" in black.text and black.remedy
-    assert good.text == "cameras agree to 0.10 stops (c not compared)"
-    _, doubt = exposure_findings(gains(a=0.0, b=0.2) | dark)
-    assert doubt.text.endswith("(c not compared)")
+    assert good.text == f"cameras agree to 0.10 stops (c {NOT_COMPARED}"
+    _, doubt = found(gains(a=0.0, b=0.2) | dark)
+    assert doubt.text.endswith(f"(c {NOT_COMPARED}")
+
+
+def test_a_camera_whose_picture_is_clipped_is_told_unless_those_of_the_others_are():
+    some = gains(a=0.0, b=0.1) | gains(0, c=0.0)
+    bright, good = found(some, a=0.1, b=0.1, c=0.36)
+    assert bright.level == "warn" and bright.remedy
+    assert bright.text == "c is too bright to compare: 36 % of its picture is clipped"
+    assert good.text.endswith(f"(c {NOT_COMPARED}")
+    assert len(found(some, a=0.1, b=0.1, c=0.34)) == 1
+    # What can be compared is not too bright.
+    assert len(found(gains(a=0.0, b=0.1), b=0.9)) == 1

@@ -76,7 +76,19 @@ def test_what_tells_the_focal_length_is_said(source, level, text):
     model = dataclasses.replace(placement.model, focal_source=source)
     (finding,) = lens_findings(dataclasses.replace(placement, model=model, known=False))
     assert finding.level == level and text in finding.text
-    assert ("poses.fov" in finding.remedy) == (level == "warn")
+    assert ("poses.fov=DEGREES" in finding.remedy) == (level == "warn")
+    given = dataclasses.replace(placement, model=model, known=False, fov_given=True)
+    remedy = lens_findings(given)[0].remedy
+    assert "poses.fov=" not in remedy and remedy.startswith("Check poses.fov") == (level == "warn")
+
+
+@pytest.mark.parametrize("given", [True, False])
+def test_a_rough_field_of_view_is_asked_for_where_it_is_not_given(given):
+    placement = dataclasses.replace(placed(lens("PINHOLE", 20.0)), known=False, fov_given=given)
+    model = dataclasses.replace(placement.model, focal_source="pictures")
+    (finding,) = lens_findings(dataclasses.replace(placement, model=model))
+    assert finding.level == "refuse" and ("poses.fov=70" in finding.remedy) != given
+    assert ("check poses.fov" in finding.remedy) == given
 
 
 def test_like_pictures_of_unlike_focal_lengths_are_doubtful_unless_they_are_calibrated():

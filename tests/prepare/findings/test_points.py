@@ -53,6 +53,26 @@ def test_a_calibrated_pose_is_not_weak_but_hardly_tested(width, fewest):
     assert doubt.text == text
 
 
+@pytest.mark.parametrize("matched", [True, False])
+def test_a_calibrated_camera_without_a_match_is_told_apart_from_those_of_few_points(matched):
+    found = placed([OBSERVATIONS, 3, 0], 0.1, known=True)
+    rows = np.zeros((20, 2), int)
+    pairs = {("0.png", "1.png"): rows} | ({("1.png", "2.png"): rows} if matched else {})
+    *untested, few = point_findings(dataclasses.replace(found, matches=pairs))
+    assert few.level == "warn" and few.remedy.startswith("Look at the epipolar lines.")
+    if matched:
+        # Its matches become no points: the lines show why.
+        assert not untested and few.text.startswith("camera1, camera2: fewer than 100")
+        return
+    assert few.text.startswith("camera1: fewer than 100 observations")
+    (alone,) = untested
+    assert alone.text == "camera2: no match with any other camera; nothing tests the pose"
+    assert alone.level == "warn" and "epipolar lines" not in alone.remedy
+    # An estimated pose has been found by matches.
+    (weak,) = point_findings(dataclasses.replace(found, known=False))
+    assert weak.text.startswith("camera1, camera2: fewer")
+
+
 def test_a_capture_without_points_is_doubtful():
     (finding,) = point_findings(placed([0, 0], 0.0))
     assert finding.level == "warn" and finding.text == "no point is seen by two cameras"
