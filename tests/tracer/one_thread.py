@@ -80,8 +80,9 @@ def _library(folder, code):
     if not path.exists():
         source = path.with_suffix(".cpp")
         source.write_text(_source(macros))
-        command = (COMPILER, "-std=c++17", "-O1", "-w", "-shared", "-fPIC", "-o", path, source)
-        subprocess.run(command, check=True)
+        assert COMPILER is not None
+        options = ("-std=c++17", "-O1", "-w", "-shared", "-fPIC")
+        subprocess.run([COMPILER, *options, "-o", str(path), str(source)], check=True)
     return ctypes.CDLL(str(path))
 
 
@@ -96,6 +97,7 @@ def _source(macros):
     parts += [f'#include "{HEADER}"', text]
     for name in KERNELS:
         found = re.search(rf"__global__ void [^;{{]*?\b{name}\(([^)]*)\)\s*{{", text)
+        assert found is not None
         kinds = [word.rsplit("*", 1)[0] + "*" for word in found[1].split(",")]
         arguments = ", ".join(f"({kind.strip()})at[{i}]" for i, kind in enumerate(kinds))
         parts.append(
