@@ -9,7 +9,8 @@ import pytest
 
 from experiments.paired_benchmark.geometry.proof import PYTHON_KEY, blender_python
 from gaussray.capture.formats.paired import read_capture
-from gaussray.capture.picture_file import check_images, read_stored
+from gaussray.capture.picture_file import read_stored
+from gaussray.capture.view_file import check_images
 
 
 ROOT = Path(__file__).parents[1]

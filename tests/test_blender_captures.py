@@ -10,7 +10,7 @@ from experiments.captures.moving import moving_pixels
 from experiments.paired_benchmark.geometry.proof import PYTHON_KEY, blender_python
 from gaussray.capture.formats.paired import read_capture
 from gaussray.capture.frames import read_encoded
-from gaussray.capture.picture_file import check_images
+from gaussray.capture.view_file import check_images
 from gaussray.evaluate.masks import MotionMasks
 
 

@@ -21,7 +21,7 @@ from gaussray.calibrate.solver import CameraSolver, Observation, Solution, block
 from gaussray.camera.array import rays_per_pixel
 from gaussray.capture.capture import Capture
 from gaussray.capture.formats.transforms import effect_file
-from gaussray.capture.picture_file import check_images
+from gaussray.capture.view_file import check_images
 from gaussray.dataset.manifest import write_manifest
 from gaussray.io.atomic import write_json
 from gaussray.runtime.devices import is_primary

@@ -9,17 +9,10 @@ from jaxtyping import Bool, Float
 
 from gaussray.capture.capture import View
 from gaussray.capture.errors import CaptureError, CaptureWarning
-from gaussray.capture.picture_file import (
-    PictureFile,
-    StoredPicture,
-    picture_size,
-    read_stored,
-    read_with_alpha,
-    shown_size,
-    stored_size,
-)
+from gaussray.capture.picture_file import StoredPicture, picture_size, read_stored, read_with_alpha
 from gaussray.capture.stored_part import Window, averaged
 from gaussray.capture.videos import frame_of
+from gaussray.capture.view_file import PictureFile, shown_size, stored_size
 from gaussray.color import srgb_decode, srgb_encode
 
 

@@ -12,14 +12,9 @@ import numpy as np
 
 from gaussray.capture.errors import CaptureError, CaptureWarning
 from gaussray.capture.frames import ALPHA_USE, encoded_values, stored_picture
-from gaussray.capture.picture_file import (
-    PictureFile,
-    StoredPicture,
-    check_size,
-    holds_bytes,
-    stored_size,
-)
+from gaussray.capture.picture_file import StoredPicture, check_size, holds_bytes
 from gaussray.capture.videos import deferred_frames, frame_of
+from gaussray.capture.view_file import PictureFile, stored_size
 from gaussray.runtime.side_by_side import threads_within
 
 

@@ -13,8 +13,9 @@ from gaussray.capture import frames, picture_file
 from gaussray.capture.capture import View
 from gaussray.capture.errors import CaptureError, CaptureWarning
 from gaussray.capture.frames import read_encoded, read_image, read_mask, visible_pixels
-from gaussray.capture.picture_file import check_images, read_levels, read_with_alpha
+from gaussray.capture.picture_file import read_levels, read_with_alpha
 from gaussray.capture.videos import frame_path
+from gaussray.capture.view_file import check_images
 from gaussray.color import srgb_decode, srgb_encode
 
 

@@ -17,9 +17,10 @@ from gaussray.capture.errors import CaptureError, CaptureWarning
 from gaussray.capture.formats.paired import read_capture
 from gaussray.capture.frames import read_encoded, visible_pixels
 from gaussray.capture.open import format_of, open_capture
-from gaussray.capture.picture_file import check_images, read_levels
+from gaussray.capture.picture_file import read_levels
 from gaussray.capture.same_size import same_size
 from gaussray.capture.selection import Selection, selected
+from gaussray.capture.view_file import check_images
 from gaussray.dataset.images import write_image
 from gaussray.evaluate.masks import MotionMasks, view_levels
 from gaussray.reconstruct.data.motion_mask import activity

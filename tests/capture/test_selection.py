@@ -15,8 +15,8 @@ from gaussray.capture.errors import CaptureError
 from gaussray.capture.formats.paired import read_capture
 from gaussray.capture.frames import read_encoded, read_mask
 from gaussray.capture.open import open_capture
-from gaussray.capture.picture_file import check_images
 from gaussray.capture.selection import Selection, selected
+from gaussray.capture.view_file import check_images
 from gaussray.color import srgb_decode, srgb_encode
 from gaussray.dataset.images import write_image
 from gaussray.reconstruct.data.pictures import footage

@@ -15,8 +15,8 @@ import equinox as eqx
 import numpy as np
 
 from gaussray.capture.capture import Capture, View, viewpoints
-from gaussray.capture.picture_file import shown_size
 from gaussray.capture.selection import Selection, selected
+from gaussray.capture.view_file import shown_size
 from gaussray.reconstruct.auto.machine import Machine
 from gaussray.reconstruct.auto.motion_trial import ENOUGH_CAMERAS
 from gaussray.reconstruct.auto.presets import (

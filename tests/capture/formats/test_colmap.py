@@ -12,8 +12,8 @@ from gaussray.camera.camera import project
 from gaussray.capture.errors import CaptureError, CaptureWarning
 from gaussray.capture.formats.colmap import read_colmap
 from gaussray.capture.open import format_of, open_capture
-from gaussray.capture.picture_file import check_images
 from gaussray.capture.selection import Selection
+from gaussray.capture.view_file import check_images
 from gaussray.dataset.images import write_image
 
 

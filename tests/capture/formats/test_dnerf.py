@@ -15,7 +15,7 @@ from gaussray.camera.camera import camera_ray
 from gaussray.camera.lens import Pinhole
 from gaussray.capture.errors import CaptureError, CaptureWarning
 from gaussray.capture.formats.dnerf import read_splits
-from gaussray.capture.picture_file import check_images
+from gaussray.capture.view_file import check_images
 from gaussray.cli.main import main
 from gaussray.dataset.images import write_image
 

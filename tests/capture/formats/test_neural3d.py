@@ -9,7 +9,7 @@ from gaussray.camera.camera import project
 from gaussray.capture.errors import CaptureError
 from gaussray.capture.formats.neural3d import read_neural3d
 from gaussray.capture.open import format_of, open_capture
-from gaussray.capture.picture_file import check_images
+from gaussray.capture.view_file import check_images
 
 
 # Single precision through lens and pose, in pixels.
