@@ -4,11 +4,19 @@ import dataclasses
 import warnings
 from pathlib import Path
 
+import numpy as np
+
 from gaussray.capture.capture import Capture, View
-from gaussray.capture.errors import CaptureWarning
+from gaussray.capture.errors import CaptureError, CaptureWarning
+from gaussray.capture.picture_file import picture_size, read_with_alpha
 
 
 MASK_FOLDER = "masks"
+# How far from black and white the levels of a mask may be (JPEG), and the share of its pixels that
+# must not be farther: edges are grey.
+_EDGE, _PLAIN = 0.1, 0.8
+# Masks of which one must look like one: some hide all of their pictures.
+_LOOKED_AT = 8
 _SUFFIXES = (".png", ".PNG", ".jpg", ".JPG", ".jpeg")
 
 
@@ -24,30 +32,59 @@ def with_mask_folder(capture: Capture) -> Capture:
     """
     if any(view.mask is not None for view in capture.all_views):
         return capture
-    masks = [_mask(capture.folder, view) for view in capture.views]
-    found = sum(mask is not None for mask in masks)
-    home = capture.folder / MASK_FOLDER
-    if not found:
+    views, home = capture.all_views, capture.folder / MASK_FOLDER
+    masks = {view.image: mask for view in views if (mask := _mask(capture.folder, view))}
+    some = list(masks.values())[:: -(-len(masks) // _LOOKED_AT) or 1]
+    if masks and not any(_is_black_and_white(path) for path in some):
+        warnings.warn(
+            f"{home}: its files, such as {some[0].name}, are not used: masks are black and white, "
+            "and white where a pixel counts.",
+            CaptureWarning,
+            stacklevel=4,
+        )
+        return capture
+    if not masks:
         there = sorted(path.name for path in home.glob("*.*")) if home.is_dir() else []
         if there:
             warnings.warn(
                 f"{home}: its {len(there)} files, such as {there[0]}, are not used: a mask has the "
-                "name of its picture, so that of images/a.jpg is masks/a.png or masks/a.jpg.png.",
+                "name of its picture, so that of images/a.jpg is masks/a.png or masks/a.jpg.png, "
+                "and that of rgb/a.jpg masks/rgb/a.png.",
                 CaptureWarning,
                 stacklevel=4,
             )
         return capture
     warnings.warn(
-        f"{home}: {found} of {len(masks)} pictures have a mask there; its "
+        f"{home}: {sum(view.image in masks for view in views)} of {len(views)} pictures have a "
+        "mask there; its "
         "white pixels count. Rename the folder to use all pixels.",
         CaptureWarning,
         stacklevel=4,
     )
-    views = [
-        view if mask is None else dataclasses.replace(view, mask=mask)
-        for view, mask in zip(capture.views, masks, strict=True)
-    ]
-    return dataclasses.replace(capture, views=views)
+
+    def masked(views: list[View]) -> list[View]:
+        return [
+            dataclasses.replace(view, mask=masks[view.image]) if view.image in masks else view
+            for view in views
+        ]
+
+    return capture.with_views(masked)
+
+
+def _is_black_and_white(path: Path) -> bool:
+    """Whether nearly all pixels of a picture are black or white, and some white; or whether it is
+    cut out by its alpha. Label maps and colours of instances are not masks."""
+    try:
+        values, alpha = read_with_alpha(path, *picture_size(path))
+    except (OSError, CaptureError):
+        # Its reader tells what is wrong with it.
+        return True
+    if alpha is not None:
+        return True
+    share = values / (np.iinfo(values.dtype).max if values.dtype.kind == "u" else 1)
+    grey = np.ptp(share, axis=2) < _EDGE
+    white = grey & (share > 1 - _EDGE).all(axis=2)
+    return bool(white.any() and np.mean(white | (share < _EDGE).all(axis=2)) > _PLAIN)
 
 
 def _mask(folder: Path, view: View) -> Path | None:

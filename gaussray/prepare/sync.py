@@ -27,6 +27,8 @@ _STEPS, _CAUCHY = 20, 0.02
 _PEAK = 0.25
 # A walk repeats itself each second: fewer seconds than this in common are trusted in proportion.
 _LONG = 6.0
+# Rates of videos of one recorder differ by a smaller share.
+_SAME_RATE = 2e-3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -240,10 +242,10 @@ def _by_motion(videos: Sequence[Source], options: SyncOptions) -> Estimate:
     # The first camera's own offset is 0: what it cannot be compared with is not known either.
     trusted &= trusted[0]
     late = np.where(trusted, found.offsets / MOTION_RATE, np.nan)
-    rate = min(source.rate for source in videos)
+    rates = np.array([source.rate for source in videos])
     counts = np.array([source.count for source in videos])
-    for number in np.unique(counts[trusted]):
-        alike = trusted & (counts == number)
+    for number, rate in {(source.count, source.rate) for source in videos}:
+        alike = trusted & (counts == number) & np.isclose(rates, rate, rtol=_SAME_RATE)
         if is_one_recording(late[alike], rate):
             late[alike] = 0 if alike[0] else np.median(late[alike])
     begin = np.array([source.times[0] for source in videos])
@@ -251,14 +253,14 @@ def _by_motion(videos: Sequence[Source], options: SyncOptions) -> Estimate:
 
 
 def is_one_recording(offsets: Float[np.ndarray, " alike"], rate: float) -> bool:
-    """Whether videos of equally many frames are of one recorder that starts and ends all cameras:
-    less than a frame lies between their starts. Motion tells no shorter times: of a man before four
-    cameras at 6 frames a second it finds 0.12 s where there are at most 0.02.
+    """Whether videos of equally many frames at one rate are of one recorder that starts and ends
+    all cameras: less than a frame lies between their starts. Motion tells no shorter times: of a
+    man before four cameras at 6 frames a second it finds 0.12 s where there are at most 0.02.
 
     Args:
         offsets: seconds by which the first frame of each is late, as motion tells them, of those
             for which it is trusted.
-        rate: frames per second of the slowest video.
+        rate: frames per second of these videos.
     """
     return len(offsets) > 1 and float(np.ptp(offsets)) * rate < 1
 

@@ -85,10 +85,11 @@ def measure(
     if trial is None:
         levels = grid_levels(options, rays.time.dtype)
         bundles = -(-rays.time.shape[-1] // options.bundle**2)
-        trial = Capacity((256 * bundles,) * levels, 512 * bundles, 1024)
         if on_kernel(options, rays.time.dtype):
             # Too short ones would cost a compilation.
             trial = kernel_capacity(levels)
+        else:
+            trial = Capacity((256 * bundles,) * levels, 512 * bundles, 1024)
     if motion.transient is not None and not trial.transient:
         # Known without a search, and all other sizes depend on it.
         trial = replace(trial, transient=max(int(alive_count(motion, rays, options)), 1))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gaussray.capture.errors import CaptureError
-from gaussray.capture.paths import read_path
+from gaussray.capture.paths import lens_of_path, read_path
 
 
 # Rotations pass through single precision.
@@ -75,3 +75,32 @@ def test_a_file_that_is_not_there_is_named(tmp_path):
         read_path(tmp_path / "none.txt")
     with pytest.raises(OSError, match="none.json"):
         read_path(tmp_path / "none.json")
+
+
+@pytest.mark.parametrize(
+    ("top", "pose", "want"),
+    [
+        ({"camera_angle_x": 0.9}, {}, ("camera_angle_x", 0.9, 51.566)),
+        ({"fl_x": 100, "w": 200}, {}, ("fl_x", 100, 90.0)),
+        ({}, {"fl_x": 100}, ("fl_x", 100, None)),
+        ({}, {"fov": 90, "aspect": 1.0}, ("fov", 90, 90.0)),
+        ({"render_width": 2, "render_height": 1}, {"fov": 90}, ("fov", 90, 126.870)),
+        ({}, {"fov": 90}, ("fov", 90, None)),
+        ({"fov": "wide", "camera_angle_x": True, "fl_x": -1}, {}, None),
+        ({}, {}, None),
+    ],
+)
+def test_the_field_of_view_of_a_path_is_told_and_not_read(tmp_path, top, pose, want):
+    file = tmp_path / "a.json"
+    file.write_text(json.dumps({**top, "frames": [{**entry, **pose} for entry in listed()]}))
+    found = lens_of_path(file)
+    if want is None:
+        assert found is None
+        return
+    assert (found.key, found.least, found.largest) == (want[0], want[1], want[1])
+    assert found.degrees == (want[2] and pytest.approx(want[2], abs=1e-3))
+
+
+def test_a_text_of_poses_has_no_field_of_view(tmp_path):
+    (tmp_path / "a.txt").write_text(rows())
+    assert lens_of_path(tmp_path / "a.txt") is None

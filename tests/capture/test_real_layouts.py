@@ -421,6 +421,18 @@ def test_masks_in_a_folder_beside_the_pictures_count(tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore:.*no frame has a time")
+@pytest.mark.parametrize("colors", [(0, 3), ((255, 0, 0), (0, 0, 255)), (90, 160)])
+def test_label_maps_in_the_folder_of_masks_hide_nothing(static, colors):
+    for k in range(5):
+        labels = np.empty((H, W, 3), np.uint8)
+        labels[:, :5], labels[:, 5:] = colors
+        write_image(static / f"masks/{k:04d}.png", labels)
+    with pytest.warns(CaptureWarning, match="0000.png, are not used: masks are black and white"):
+        views = open_capture(static).views
+    assert all(view.mask is None for view in views)
+
+
+@pytest.mark.filterwarnings("ignore:.*no frame has a time")
 def test_masks_in_a_folder_count_beside_a_json_file_that_names_none(static):
     half = np.zeros((H, W, 3), np.uint8)
     half[:, :5] = 255

@@ -164,14 +164,17 @@ def test_equal_videos_less_than_a_frame_apart_start_together(offsets, one):
 
 
 @pytest.mark.parametrize(
-    ("counts", "expected"),
+    ("counts", "rates", "expected"),
     [
-        ([48, 20, 48, 48], [0.0, 0.1, 0.0, 0.0]),
-        ([48, 48, 48, 48], [0.0, 0.0, 0.0, 0.0]),
-        ([48, 20, 20, 47], [0.0, 0.03, 0.03, 0.02]),
+        ([48, 20, 48, 48], 6, [0.0, 0.1, 0.0, 0.0]),
+        ([48, 48, 48, 48], 6, [0.0, 0.0, 0.0, 0.0]),
+        ([48, 20, 20, 47], 6, [0.0, 0.03, 0.03, 0.02]),
+        # A frame of those two is shorter than what lies between them.
+        ([480, 480, 20, 47], [60, 60, 6, 6], [0.0, 0.1, -0.04, 0.02]),
+        ([48, 48, 48, 48], [6, 3, 6, 6], [0.0, 0.1, 0.0, 0.0]),
     ],
 )
-def test_videos_of_one_length_start_together_beside_shorter_ones(monkeypatch, counts, expected):
+def test_videos_of_one_length_start_together_beside_others(monkeypatch, counts, rates, expected):
     """Motion finds delays of 0.1, -0.04 and 0.02 s, at 6 frames a second."""
     found = [0.0, 0.1, -0.04, 0.02]
     samples = Consensus(np.array(found) * MOTION_RATE, np.ones(4))
@@ -183,8 +186,8 @@ def test_videos_of_one_length_start_together_beside_shorter_ones(monkeypatch, co
     monkeypatch.setattr(sync, "motion_scores", lambda *_: (ones, ones))
     path = pathlib.Path("a.mp4")
     sources = [
-        Source(f"{k}", path, (), np.arange(count) / 6, ((64, 48),))
-        for k, count in enumerate(counts)
+        Source(f"{k}", path, (), np.arange(count) / rate, ((64, 48),))
+        for k, (count, rate) in enumerate(zip(counts, np.broadcast_to(rates, 4), strict=True))
     ]
     offsets = synchronise(sources, SyncOptions(method="motion")).offsets
     assert list(offsets.values()) == pytest.approx(expected, abs=1e-6)

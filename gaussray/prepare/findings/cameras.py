@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from gaussray.prepare.findings.doubtful_motion import standing_advice
 from gaussray.prepare.findings.finding import Finding
 from gaussray.prepare.findings.lens_advice import lens_advice
 from gaussray.prepare.findings.listed_pictures import listed_pictures
@@ -36,7 +37,7 @@ def camera_findings(placement: Placement) -> list[Finding]:
         right = " that can be right" if placement.strays else ""
         text = f"only {found} of {total} pictures have a pose{right}"
         if placement.rig_untold:
-            remedy += " If the cameras stand still, set poses.rig=still."
+            remedy += f" {standing_advice(placement)}"
         return [Finding("refuse", "cameras", text, remedy)]
     if missing:
         names = listed_pictures(missing, placement)

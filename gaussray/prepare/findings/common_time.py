@@ -6,7 +6,7 @@ import numpy as np
 
 from gaussray.prepare.findings.finding import Finding
 from gaussray.prepare.sources import Source
-from gaussray.prepare.timeline import PICTURE_RATE, Timeline
+from gaussray.prepare.timeline import Timeline
 from gaussray.runtime.output import first_of
 
 
@@ -26,9 +26,10 @@ def common_time_findings(sources: Sequence[Source], timeline: Timeline) -> list[
         timeline: the times of all their frames.
     """
     clocks = {name: clock for name, clock in timeline.clocks.items() if len(clock)}
-    if len(clocks) < 2 or not any(source.is_video for source in sources):
+    several = sum(len(clock) > 1 for clock in clocks.values())
+    if len(clocks) < 2 or not several or not any(source.is_video for source in sources):
         return []
-    step = max(1 / (source.rate or PICTURE_RATE) for source in sources)
+    step = max(float(np.median(np.diff(clock))) for clock in clocks.values() if len(clock) > 1)
     starts = {name: float(clock[0]) for name, clock in clocks.items()}
     ends = {name: float(clock[-1]) for name, clock in clocks.items()}
     half = (len(clocks) - 1) // 2
@@ -56,10 +57,12 @@ def common_time_findings(sources: Sequence[Source], timeline: Timeline) -> list[
         if names
     ]
     text = f"frames that are not used: {first_of(left, _LISTED)}; {' and '.join(limits)}"
-    names = list(dict.fromkeys([*late, *early]))
-    it = "it" if len(names) == 1 else "them"
-    remedy = (
-        f"Without {first_of(names, _LISTED)} they are used: take {it} away, or give "
-        "sync.offsets=[...] if the offsets are wrong."
-    )
+    names = [name for name in clocks if name in late or name in early]
+    # Without most cameras there is nothing left to use the frames for.
+    few = 2 * len(names) < len(clocks) and len(clocks) - len(names) > 1
+    remedy = "Start all cameras before, and stop them after, what is to be seen"
+    if few:
+        it = "it" if len(names) == 1 else "them"
+        remedy = f"Without {first_of(names, _LISTED)} they are used: take {it} away"
+    remedy += "; or give sync.offsets=[...] if the offsets are wrong."
     return [Finding("warn", "sync", text, remedy)]

@@ -48,11 +48,15 @@ def doubtful_motion_findings(placement: Placement) -> list[Finding]:
         f"{first_of(names)}: the pictures do not tell whether {subject} still, and the motion that "
         f"was estimated is doubtful ({'; '.join(signs)})"
     )
-    remedy = (
-        f"If {subject} still, set poses.rig=still; a single camera that stands still has no poses "
-        "to find: add other cameras. If not, poses.rig=moving says so."
-    )
+    remedy = f"{standing_advice(placement)} If not, poses.rig=moving says so."
     return [Finding("warn", "cameras", text, remedy)]
+
+
+def standing_advice(placement: Placement) -> str:
+    """What to do if cameras stand still of which the pictures do not tell it: a sentence."""
+    if len({picture.camera for picture in placement.pictures.values()}) > 1:
+        return "If the cameras stand still, set poses.rig=still."
+    return "If the camera stands still, other cameras must show its pose: add their videos."
 
 
 def _staying_share(placement: Placement) -> float:

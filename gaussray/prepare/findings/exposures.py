@@ -29,8 +29,8 @@ def exposure_findings(
     known = {name: gain for name, (gain, count) in gains.items() if count >= LEAST_SHARED}
     dark = [name for name in gains if name not in known and np.any(gains[name][0] < 0)]
     findings = [_too_dark(name, gains[name][0]) for name in dark]
-    # A white wall is as white in the others.
-    usual = float(np.median([clipped[name] for name in known])) if known else 0.0
+    # A white wall is as white in the others; without these, nobody knows.
+    usual = float(np.median([clipped[name] for name in known])) if known else 1.0
     findings += [
         _too_bright(name, clipped[name])
         for name in gains
@@ -54,10 +54,13 @@ def exposure_findings(
 
 def _too_bright(name: str, share: float) -> Finding:
     """The finding about a camera of whose picture so large a share is clipped."""
-    text = f"{name} is too bright to compare: {100 * share:.0f} % of its picture is clipped"
+    text = (
+        f"{name} has too few shared points to compare, and {100 * share:.0f} % of its picture is "
+        "clipped, far more than of the others"
+    )
     remedy = (
-        "Close its aperture or expose shorter, or take its video away; nothing brings back what is "
-        "clipped."
+        "If it is exposed for longer than the others, close its aperture or expose shorter; "
+        "nothing brings back what is clipped."
     )
     return Finding("warn", "exposure", text, remedy)
 

@@ -66,7 +66,8 @@ def lens_findings(placement: Placement) -> list[Finding]:
             f"as well; {across} degrees across the width are a guess"
         )
         clause = lens_advice(placement)
-        remedy = f"{clause.capitalize() if placement.fov_given else clause}."
+        # Not `capitalize`, which lowers the rest. Keys stay as they are.
+        remedy = f"{clause[0].upper() + clause[1:] if placement.fov_given else clause}."
         findings.append(Finding("warn", "lens", text, remedy))
     if not findings:
         text = f"horizontal fields of view of {across} degrees"

@@ -35,7 +35,7 @@ from gaussray.tracer.traverse import Capacity
 # Key states of one picture span at least this share of the scene's times.
 _LEAST_SPAN = 1e-4
 # Room in lists for other views than the one that is measured.
-_HEADROOM = 2.0
+_ROOM_FOR_VIEWS = 2.0
 
 
 class Tracing(eqx.Module):
@@ -113,19 +113,20 @@ class CandidateMeter:
 
     def _first_capacity(self, candidate: Candidate, view: TileView) -> Capacity:
         """List sizes that most likely suffice for all views: longer ones compile all again."""
-        options, dtype = self.tracing.options, view.rays.time.dtype
-        transient = candidate.scene.transient
+        options, dtype, keys = self.tracing.options, view.rays.time.dtype, self.tracing.keys
+        alive = 0
+        if candidate.scene.transient is not None:
+            motions = (_motion(candidate, one, keys=keys) for one in self.views)
+            counts = [
+                alive_count(motion, one.rays, options)
+                for motion, one in zip(motions, self.views, strict=True)
+            ]
+            alive = max(int(HEADROOM * max(int(count) for count in counts)), 1)
         if on_kernel(options, dtype):
-            count = 0 if transient is None else transient.count
-            return kernel_capacity(grid_levels(options, dtype), count)
-        motion = _motion(candidate, view, keys=self.tracing.keys)
-        capacity = measure(motion, view.rays, options=options, headroom=_HEADROOM)
-        if transient is None:
-            return capacity
-        motions = (_motion(candidate, v, keys=self.tracing.keys) for v in self.views)
-        alive = [alive_count(m, v.rays, options) for m, v in zip(motions, self.views, strict=True)]
-        wanted = int(HEADROOM * max(int(n) for n in alive))
-        return replace(capacity, transient=max(capacity.transient, wanted))
+            return kernel_capacity(grid_levels(options, dtype), alive)
+        motion = _motion(candidate, view, keys=keys)
+        capacity = measure(motion, view.rays, options=options, headroom=_ROOM_FOR_VIEWS)
+        return replace(capacity, transient=max(capacity.transient, alive))
 
 
 @eqx.filter_jit

@@ -35,7 +35,7 @@ def finished_scene(candidate: Candidate) -> Scene:
         deformation = None
     elif isinstance(deformation, Deformation):
         held = np.asarray(body_of(deformation.bodies, scene.moving.mean))[moved]
-        deformation = jax.tree.map(jnp.asarray, _simplified(jax.device_get(deformation), held))
+        deformation = _simplified(jax.device_get(deformation), held)
     still, mobile = (
         jax.tree.map(jnp.asarray, _without_zeros(x)) for x in (still, take_rows(moving, moved))
     )
@@ -69,8 +69,8 @@ def _joined(first: Gaussians, second: Gaussians) -> Gaussians:
 
 
 def _simplified(deformation: Deformation, held: np.ndarray) -> Deformation:
-    """The deformation for Gaussians that these bodies hold, without what does nothing; on the
-    host."""
+    """The deformation, given on the host, for Gaussians that these bodies hold, without what does
+    nothing."""
     bodies, planes, trunk = deformation.bodies, deformation.planes, deformation.trunk
     held = np.unique(held)
     held = held[held < len(bodies.pivot)]
@@ -98,9 +98,10 @@ def _simplified(deformation: Deformation, held: np.ndarray) -> Deformation:
         deformation,
         [bodies, planes, Layer(jnp.asarray(weight), jnp.asarray(bias))],
     )
-    return eqx.tree_at(
+    field = eqx.tree_at(
         lambda d: [getattr(d, name) for name in HEADS], field, heads, is_leaf=lambda x: x is None
     )
+    return jax.tree.map(jnp.asarray, field)
 
 
 def _without_zeros(gaussians: Gaussians) -> Gaussians:

@@ -42,7 +42,7 @@ def test_a_video_that_stops_early_is_named_with_what_it_costs():
         "frames that are not used: 28 of the 48 of a, 28 of the 48 of c; b ends 2.80 s before most "
         "others"
     )
-    assert doubt.remedy.startswith("Without b they are used: take it away, or give sync.offsets=")
+    assert doubt.remedy.startswith("Without b they are used: take it away; or give sync.offsets=")
 
 
 def test_a_video_that_starts_late_is_named_also_beside_one_that_stops_early():
@@ -54,7 +54,7 @@ def test_a_video_that_starts_late_is_named_also_beside_one_that_stops_early():
     assert doubt.text.endswith(
         "b starts 3.00 s after most others and e, f end up to 3.00 s before most others"
     )
-    assert doubt.remedy.startswith("Without b, e, f they are used: take them away")
+    assert doubt.remedy.startswith("Start all cameras before, and stop them after,")
 
 
 def test_of_two_videos_the_shorter_one_is_named():
@@ -103,3 +103,15 @@ def test_timestamps_that_are_left_out_later_do_not_change_it():
     line = common_timeline(sources, Sync("none", zeros, zeros, zeros), FramesOptions())
     few = thinned_timeline(line, 4)
     assert common_time_findings(sources, few) == common_time_findings(sources, line) != []
+
+
+@pytest.mark.parametrize("late", ["b", "cd"])
+def test_of_cameras_that_start_one_after_another_none_is_to_be_taken_away(late):
+    names = "ab" if late == "b" else "abcd"
+    (doubt,) = found([video(name, 60) for name in names], **dict.fromkeys(late, 2.0))
+    assert "take" not in doubt.remedy and "sync.offsets=" in doubt.remedy
+
+
+def test_frames_of_slow_folders_are_no_less_time():
+    options = FramesOptions(rate=2)
+    assert not found([video("a", 90, rate=30), folder("b", 6)], options)

@@ -58,7 +58,7 @@ def test_two_signs_make_motion_doubtful_where_pictures_do_not_tell_of_it(signs, 
     found = doubtful_motion_findings(placed(**signs))
     assert bool(found) == bool(told)
     for finding in found:
-        assert finding.level == "warn" and "poses.rig=still" in finding.remedy
+        assert finding.level == "warn" and "add their videos" in finding.remedy
         assert finding.text.startswith("video: the pictures do not tell whether the camera stands")
         assert ("12 of 12 poses are weak" in finding.text) == ("99" in told)
         assert ("do not tell the focal length" in finding.text) == ("focal" in told)
@@ -82,6 +82,12 @@ def test_a_refusal_of_such_cameras_names_what_to_set():
     found = placed()
     few = dataclasses.replace(found.model, pictures=found.model.pictures[:3])
     (refused,) = camera_findings(dataclasses.replace(found, model=few))
-    assert refused.level == "refuse" and refused.remedy.endswith("set poses.rig=still.")
+    assert refused.level == "refuse" and refused.remedy.endswith("add their videos.")
+    pictures = {
+        file: dataclasses.replace(picture, camera=file[:2])
+        for file, picture in found.pictures.items()
+    }
+    several = dataclasses.replace(found, model=few, pictures=pictures)
+    assert camera_findings(several)[0].remedy.endswith("set poses.rig=still.")
     told = dataclasses.replace(found, model=few, rig_untold=False)
     assert "poses.rig" not in camera_findings(told)[0].remedy

@@ -80,6 +80,7 @@ def test_what_tells_the_focal_length_is_said(source, level, text):
     given = dataclasses.replace(placement, model=model, known=False, fov_given=True)
     remedy = lens_findings(given)[0].remedy
     assert "poses.fov=" not in remedy and remedy.startswith("Check poses.fov") == (level == "warn")
+    assert level != "warn" or "poses.lens=FILE" in remedy
 
 
 @pytest.mark.parametrize("given", [True, False])
