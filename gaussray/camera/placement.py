@@ -100,13 +100,23 @@ def _points(eye: Point, target: Point, up: Point) -> tuple[Array, Array, Array]:
         require(f"camera.{name}", x, np.isfinite, "finite")
     if known(eye, target, up):
         view, vertical = np.asarray(target, float) - np.asarray(eye, float), np.asarray(up, float)
+        if not view.any():
+            raise ValueError(
+                f"camera.eye and camera.target must differ, got {_text(eye)} for both. Move one of "
+                "them."
+            )
         beside = np.linalg.norm(np.cross(view, vertical))
         if not beside > 1e-6 * np.linalg.norm(view) * np.linalg.norm(vertical):
             raise ValueError(
                 f"camera.up must not be zero or along the view from camera.eye to camera.target, "
-                f"got eye {eye.tolist()}, target {target.tolist()}, up {up.tolist()}."
+                f"got eye {_text(eye)}, target {_text(target)}, up {_text(up)}."
             )
     return eye, target, up
+
+
+def _text(point: Array) -> str:
+    """A point as the user would write it."""
+    return f"[{', '.join(f'{x:.6g}' for x in point.tolist())}]"
 
 
 def _pose(eye: Array, target: Array, up: Array) -> tuple[Float[Array, "3"], Float[Array, "4"]]:

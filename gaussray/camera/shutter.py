@@ -94,6 +94,7 @@ def rolling_shutter(
     """
     check_count("rows", rows, 1)
     readout = number("shutter.readout")(readout)
+    require("shutter.readout", readout, np.isfinite, "finite")
     return Shutter(-readout / 2, readout / max(rows - 1, 1), exposure, direction=direction)
 
 

@@ -1,6 +1,7 @@
 """Camera paths from files: a capture's own, nerfstudio's and TUM's."""
 
 from pathlib import Path
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -13,15 +14,36 @@ from gaussray.capture.formats.transforms import json_content
 from gaussray.io.safe.files import read_text
 
 
+# Keys of a path file that are fields of view, and their units.
+_LENS_KEYS = {
+    "fov": "degrees from top to bottom",
+    "camera_angle_x": "radians from left to right",
+    "fl_x": "pixels",
+}
+
+
+class PathLens(NamedTuple):
+    """The field of view that a path file holds: key, least and largest value, unit, and what the
+    first is in degrees from left to right (None: the file does not tell the shape of its pictures).
+    """
+
+    key: str
+    least: float
+    largest: float
+    unit: str
+    degrees: float | None
+
+
 def read_path(
     path: Path | str,
 ) -> tuple[Float[np.ndarray, " poses"], Float[np.ndarray, "poses 4"], Float[np.ndarray, "poses 3"]]:
     """Times, and world_from_camera as quaternions and places, of a file in the scene's own world.
 
     JSON: `trajectory` or `frames` of {time, transform_matrix} (OpenGL axes, as captures have), or
-    nerfstudio's `camera_path` of {camera_to_world}, evenly over its `seconds` (1 without); its
-    fields of view are not read. Anything else is text in the format of the TUM RGB-D benchmark:
-    `time x y z qx qy qz qw` on each line, camera axes +x right, +y down, +z forward, # a comment.
+    nerfstudio's `camera_path` of {camera_to_world}, evenly over its `seconds` (1 without); fields
+    of view are not read (see `lens_of_path`). Anything else is text in the format of the TUM RGB-D
+    benchmark: `time x y z qx qy qz qw` on each line, camera axes +x right, +y down, +z forward, # a
+    comment.
 
     Raises:
         CaptureError: the file is malformed, or its times do not increase.
@@ -37,8 +59,49 @@ def read_path(
     return times, quat, position
 
 
-def _of_json(path):
+def lens_of_path(path: Path | str) -> PathLens | None:
+    """The field of view in a file of `read_path`, which reads poses alone; None if it has none.
+
+    Raises:
+        CaptureError: the file is malformed.
+    """
+    path = Path(path)
+    if path.suffix != ".json":
+        return None
     content = json_content(path)
+    _, entries = _entries(path, content)
+    for key, unit in _LENS_KEYS.items():
+        blocks = [{**content, **entry.values} for entry in entries]
+        blocks = [block for block in blocks if _is_positive(block.get(key))]
+        if blocks:
+            values = [float(block[key]) for block in blocks]
+            return PathLens(key, min(values), max(values), unit, _degrees_across(key, blocks[0]))
+    return None
+
+
+def _degrees_across(key, block):
+    """Horizontal field of view of a block's key; None if its shape is not known."""
+    if key == "camera_angle_x":
+        return float(np.degrees(block[key]))
+    if key == "fl_x":
+        width = block.get("w")
+        half = width / 2 / block[key] if _is_positive(width) else None
+    else:
+        width, height = block.get("render_width"), block.get("render_height")
+        aspect = block.get("aspect")
+        if not _is_positive(aspect) and _is_positive(width) and _is_positive(height):
+            aspect = width / height
+        half = aspect * np.tan(np.radians(block[key]) / 2) if _is_positive(aspect) else None
+    return None if half is None else float(np.degrees(2 * np.arctan(half)))
+
+
+def _is_positive(value):
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    return number and 0 < value < 1e30
+
+
+def _entries(path, content):
+    """The key of a path in a JSON file, and the blocks under it."""
     known = "trajectory", "frames", "camera_path"
     found = [key for key in known if isinstance(content, dict) and content.get(key)]
     if not found:
@@ -50,7 +113,13 @@ def _of_json(path):
     if not (blocks and listed):
         raise Keys(path, content).error(found[0], "a list of blocks")
     entries = [Keys(path, entry, prefix=f"{found[0]}[{k}].") for k, entry in enumerate(listed)]
-    if found[0] == "camera_path":
+    return found[0], entries
+
+
+def _of_json(path):
+    content = json_content(path)
+    found, entries = _entries(path, content)
+    if found == "camera_path":
         seconds = Keys(path, content).number("seconds", 1.0)
         times = np.linspace(0, seconds, len(entries))
         pose = [_unrolled(entry).pose("camera_to_world") for entry in entries]

@@ -1,5 +1,6 @@
 """The commands: each builds typed options from its configuration and calls the library."""
 
+import dataclasses
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -20,9 +21,7 @@ def _render(cfg: Configuration, devices: int | None) -> dict[str, Any]:
     from gaussray.config.jobs import render_job
     from gaussray.render.dataset import render_dataset
 
-    for name, value in (("dataset.layout", cfg.dataset.layout), ("sample", cfg.sample)):
-        if value:
-            raise ValueError(f"{name} needs dataset.count of at least 1, got 0.")
+    _refuse_dataset_keys(cfg)
     job = render_job(cfg, note=say)
     out = Path(cfg.out)
     # For all of the command, as its report is written as well.
@@ -43,6 +42,25 @@ def _render(cfg: Configuration, devices: int | None) -> dict[str, Any]:
     return {"scene": job.scene}
 
 
+def _refuse_dataset_keys(cfg: Configuration) -> None:
+    """Refuse keys that only a dataset of drawn samples uses, as dataset.count is 0."""
+    from gaussray.camera.imu import ImuOptions
+    from gaussray.dataset.layouts import check_imu_keys
+    from gaussray.render.randomize.options import DrawOptions
+
+    dataset = build_options(DrawOptions, cfg.dataset)
+    needy = [
+        f"dataset.{field.name}"
+        for field in dataclasses.fields(dataset)
+        if getattr(dataset, field.name) != field.default
+    ]
+    if cfg.sample:
+        needy.append("sample")
+    if needy:
+        raise ValueError(f"{needy[0]} needs dataset.count of at least 1, got 0.")
+    check_imu_keys(build_options(ImuOptions, cfg.imu), "", "dataset.layout")
+
+
 def generate(cfg: Configuration, overrides: Sequence[str]) -> None:
     """Render a data set: samples of the configuration's distributions (dataset.count).
 
@@ -50,9 +68,12 @@ def generate(cfg: Configuration, overrides: Sequence[str]) -> None:
         cfg: configuration of `gaussray render`.
         overrides: words of the command line, KEY=VALUE. Each sample adds its drawn values to them.
     """
+    from gaussray.camera.imu import ImuOptions
     from gaussray.config.samples import generate_dataset
+    from gaussray.dataset.layouts import check_imu_keys
     from gaussray.dataset.sample_manifest import MANIFEST
 
+    check_imu_keys(build_options(ImuOptions, cfg.imu), cfg.dataset.layout, "dataset.layout")
     result, out = generate_dataset(cfg, overrides), Path(str(cfg.out))
     if cfg.report and (out / MANIFEST).is_file():
         write_report("dataset", out, {})
@@ -203,13 +224,13 @@ def _export(cfg: Configuration, devices: int | None) -> None:
 
 def _pack(cfg: Configuration, devices: int | None) -> None:
     from gaussray.camera.imu import ImuOptions
-    from gaussray.dataset.layouts import write_layout
+    from gaussray.dataset.layouts import check_imu_keys, write_layout
     from gaussray.dataset.pack import pack
 
     count = as_type(int, cfg.frames_per_tar, "frames_per_tar")
-    layout = as_type(str, cfg.layout, "layout")
+    layout, imu = as_type(str, cfg.layout, "layout"), build_options(ImuOptions, cfg.imu)
+    check_imu_keys(imu, layout, "layout")
     if layout != "webdataset":
-        imu = build_options(ImuOptions, cfg.imu)
         frames = write_layout(cfg.data, cfg.out, layout, imu=imu)
         say_result(f"{cfg.out}: {frames} frames in the layout {layout}.")
         return

@@ -124,13 +124,29 @@ def _dispatch(words: list[str]) -> None:
         # Hydra's spelling is -sc install=bash.
         shell = words[1].removeprefix("install=") if len(words) > 1 else "bash"
         emit(script(shell), sys.stdout)
+    elif words[0] == "--help=all":
+        raise ValueError(
+            "--help=all lists the keys of one command: write `gaussray COMMAND --help=all`, such "
+            "as `gaussray render --help=all`."
+        )
     elif words[0] not in COMMANDS:
         names, hint = ", ".join(COMMANDS), did_you_mean(words[0], COMMANDS)
         raise ValueError(
             f"the command must be one of {names}, got {words[0]!r}.{hint} See `gaussray --help`."
         )
     else:
+        _check_help(words)
         _run(words[0], words[1:])
+
+
+def _check_help(words: Sequence[str]) -> None:
+    """Refuse a kind of help that does not exist."""
+    for word in words:
+        if word.startswith("--help="):
+            raise ValueError(
+                f"{word}: the help of a command is `gaussray {words[0]} --help` or `gaussray "
+                f"{words[0]} --help=all`."
+            )
 
 
 def _run(command: str, overrides: Sequence[str]) -> None:

@@ -10,7 +10,13 @@ from gaussray.capture.capture import View
 from gaussray.config.compose import Configuration
 from gaussray.config.focus_notes import note_depth_of_field
 from gaussray.config.options import as_type, build_options
-from gaussray.config.render_notes import note_cameras, note_flow, note_size, note_times
+from gaussray.config.render_notes import (
+    note_cameras,
+    note_flow,
+    note_size,
+    note_times,
+    note_trajectory,
+)
 from gaussray.config.yaml_files import to_plain
 from gaussray.dataset.manifest import FrameRecord
 from gaussray.render.aov.labeller import check_labels
@@ -79,7 +85,7 @@ def render_job(
     check_labels(labels)
     scene = load(cfg.scene)
     views = chosen_views(cfg, scene, rig.camera, cameras)
-    note_cameras(views, rig.camera, tell)
+    note_cameras(views, rig, tell)
     of_fit = cfg.cameras is None and rig.camera.kind == "capture"
     if noted and of_fit and not rig.film.size:
         fitted = read_fitted_cameras(cfg.scene)
@@ -98,6 +104,8 @@ def render_job(
     physical.check_shape(units, (record.camera.film for record in records))
     check_cameras(in_scene_units, records)
     note_times(_time_range(scene), records, tell)
+    if noted:
+        note_trajectory(views, in_scene_units, _time_range(scene), records, tell)
     if noted and in_scene_units.aperture.radius:
         note_depth_of_field(in_scene_units.aperture, records[0].camera, options, focus_meter, tell)
     labels = _possible_labels(labels, records, views, tell)

@@ -1,6 +1,7 @@
 """Builds typed options from the groups of a configuration."""
 
 import dataclasses
+import math
 from typing import Any, TypeVar, get_args, get_origin
 
 import equinox as eqx
@@ -55,9 +56,11 @@ def field_value(field: dataclasses.Field, value: Any, key: str) -> Any:
         key: full name of the key (`lens.fov`), for messages.
 
     Raises:
-        ValueError: the value, or what is in its list, is of another type.
+        ValueError: the value, or what is in its list, is of another type or not a number (nan).
     """
     types = get_args(field.type)
+    if isinstance(value, float) and math.isnan(value):
+        raise ValueError(f"{key} must be a number, got nan.")
     if isinstance(value, list) and str in types and any(get_origin(t) is tuple for t in types):
         return tuple(_numbers(value, key))
     if isinstance(value, list) and float in types:
@@ -81,6 +84,8 @@ def _numbers(values: list[Any], key: str) -> list[Any]:
     """A list whose whole numbers are floats; everything but numbers is refused."""
     for wrong in (x for x in values if type(x) not in (int, float)):
         raise ValueError(f"{key} must be a list of numbers, got {wrong!r} in it.")
+    if any(map(math.isnan, values)):
+        raise ValueError(f"{key} must be a list of numbers, got nan in it.")
     return [float(x) if type(x) is int else x for x in values]
 
 

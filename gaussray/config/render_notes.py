@@ -3,29 +3,44 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from gaussray.camera.lens import FocalLens
 from gaussray.camera.shutter import time_window
 from gaussray.capture.capture import View
+from gaussray.capture.paths import lens_of_path
 from gaussray.dataset.manifest import FrameRecord
-from gaussray.render.rig.placed import CameraOptions
+from gaussray.render.rig.film import visible_part
+from gaussray.render.rig.rig import RigOptions, choose_views
 
 
 # Rows of the last picture may be read after the last time: by more than this share of all times, a
 # picture is told to be outside.
 _FAR = 0.1
+# Focal lengths that differ by this share are told: nobody sees less from one picture to the next.
+_OTHER_LENS = 0.05
 
 
-def note_cameras(views: Sequence[View], camera: CameraOptions, note: Callable[[str], Any]) -> None:
-    """Say which cameras are rendered where none of those that the default asks for is there.
+def note_cameras(views: Sequence[View], rig: RigOptions, note: Callable[[str], Any]) -> None:
+    """Say which cameras are rendered, or passed by a ride, where none of those that the default
+    asks for is there. A path of a file passes none.
 
     Args:
         views: the views of the capture.
-        camera: which of them were asked for.
+        rig: which of them were asked for, and their trajectory.
         note: gets the line.
     """
+    camera, ride = rig.camera, rig.trajectory.kind
+    if ride == "path":
+        return
     held_out = any(view.split == "test" for view in views)
     if camera.kind == "capture" and camera.split == "test" and not camera.names and not held_out:
         names = list(dict.fromkeys(view.camera_name for view in views))
         listed = ", ".join(names) if len(names) < 4 else f"{names[0]} to {names[-1]}"
+        if ride == "between":
+            note(
+                f"No camera is held out, so the ride passes all {len(names)} ({listed}); "
+                "camera.names=[CAMERA,CAMERA] chooses some and their order."
+            )
+            return
         note(
             f"No camera is held out, so all {len(names)} are rendered ({listed}); "
             "camera.names=[CAMERA] chooses some."
@@ -71,6 +86,112 @@ def note_times(
             f"{outside} of {len(records)} pictures are exposed far outside of the scene's times, "
             f"{begin:g} to {end:g}, where nothing moves. Times are in the capture's unit; "
             "physical.* takes milliseconds."
+        )
+
+
+def note_trajectory(
+    views: Sequence[View],
+    rig: RigOptions,
+    span: tuple[float, float],
+    records: Sequence[FrameRecord],
+    note: Callable[[str], Any],
+) -> None:
+    """Say whose lens the pictures of a ride have where those of its cameras differ, which field of
+    view of a file is not read, that a file's times are none of the scene's, and that cameras of one
+    time shake each by itself.
+
+    Args:
+        views: the views of the capture.
+        rig: cameras and trajectory.
+        span: first and last time of the scene.
+        records: the pictures.
+        note: gets the lines.
+    """
+    own_lens = rig.lens.model == "keep"
+    if own_lens and rig.camera.kind == "path":
+        _note_path_lens("camera.file", rig.camera.file, note)
+    if own_lens and rig.trajectory.kind == "path":
+        _note_path_lens("trajectory.file", rig.trajectory.file, note)
+    if rig.trajectory.clock == "file":
+        _note_clock(rig.trajectory.file, span, records, note)
+    if own_lens and rig.trajectory.kind == "between":
+        _note_lens_of_ride(views, rig, records[0], note)
+    if rig.trajectory.shake_degrees or rig.trajectory.shake_distance:
+        _note_shakes(records, rig.trajectory.shake_seed, note)
+
+
+def _note_path_lens(key: str, file: str, note: Callable[[str], Any]) -> None:
+    """Say that the poses of a path file alone are read, and how its field of view is given."""
+    lens = lens_of_path(file)
+    if lens is None:
+        return
+    span = f"{lens.least:.4g}" + f" to {lens.largest:.4g}" * (lens.least < lens.largest)
+    fov = "DEGREES" if lens.degrees is None else f"{lens.degrees:.4g}"
+    which = "the first pose's" if lens.least < lens.largest else "that"
+    note(
+        f"{key}={file}: its poses alone are read, not its {lens.key} ({span} {lens.unit}); "
+        f"lens=pinhole lens.fov={fov} gives all pictures {which} field of view, in degrees from "
+        "left to right."
+    )
+
+
+def _note_clock(
+    file: str, span: tuple[float, float], records: Sequence[FrameRecord], note: Callable[[str], Any]
+) -> None:
+    """Say that no time of a path file is one of the scene's, where something moves in that."""
+    begin, end = span
+    first, last = (float(record.camera.time) for record in (records[0], records[-1]))
+    if begin < end and (last < begin or first > end):
+        note(
+            f"trajectory.clock=file: the times of {file}, {first:.7g} to {last:.7g}, lie outside "
+            f"of the scene's, {begin:.7g} to {end:.7g}. Choose trajectory.clock=span, or subtract "
+            "the first time from all."
+        )
+
+
+def _note_lens_of_ride(
+    views: Sequence[View], rig: RigOptions, record: FrameRecord, note: Callable[[str], Any]
+) -> None:
+    """Say that the lens of the first camera is that of all pictures, where others differ."""
+    # As the ride does: of every camera its last view.
+    passed = {view.camera_name: view.camera for _, view in choose_views(views, rig)}
+    first, *others = passed
+    lens, film = record.camera.lens, record.camera.film
+    size, focal, kinds = (film.width, film.height), [], {type(lens)}
+    for camera in (passed[name] for name in others):
+        kinds.add(type(camera.lens))
+        if isinstance(camera.lens, FocalLens):
+            whole = camera.film.width, camera.film.height
+            across = visible_part(whole, size, rig.film.fit)[2]
+            focal.append(float(camera.lens.focal[0]) * size[0] / across)
+    if len(kinds) > 1 or not isinstance(lens, FocalLens):
+        if len(kinds) > 1:
+            models = ", ".join(sorted(kind.__name__ for kind in kinds))
+            note(
+                f"All pictures of the ride have the lens of {first}, though those of its cameras "
+                f"are of several models ({models}); camera.names=[CAMERA,CAMERA] chooses the first."
+            )
+        return
+    own = float(lens.focal[0])
+    if any(abs(f / own - 1) > _OTHER_LENS for f in focal):
+        note(
+            f"All pictures of the ride have the lens of {first}, a focal length of {own:.0f} "
+            f"pixels; the others have {min(focal):.0f} to {max(focal):.0f} pixels at that size. "
+            "camera.names=[CAMERA,CAMERA] chooses the first."
+        )
+
+
+def _note_shakes(records: Sequence[FrameRecord], seed: int, note: Callable[[str], Any]) -> None:
+    """Say that cameras with pictures at one time do not shake as one."""
+    cameras: dict[float, set[str]] = {}
+    for record in records:
+        cameras.setdefault(float(record.camera.time), set()).add(record.camera_name)
+    if any(len(names) > 1 for names in cameras.values()):
+        last = seed + len({record.camera_name for record in records}) - 1
+        note(
+            f"Each camera shakes by itself (seeds {seed} to {last}), so those of one rig move "
+            "against each other. For a rig that shakes as one, give each camera its poses "
+            "over time: cameras=FILE with a `trajectory` of each frame."
         )
 
 

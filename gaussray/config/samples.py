@@ -19,7 +19,7 @@ from gaussray.config.run_folder import begin_run_folder
 from gaussray.config.schema import choice_keys, choices, groups, keys
 from gaussray.config.suggest import did_you_mean
 from gaussray.config.yaml_files import to_plain
-from gaussray.dataset.layouts import LAYOUT_LABELS, write_layout
+from gaussray.dataset.layouts import LAYOUT_LABELS, check_layout, write_layout
 from gaussray.dataset.sample_manifest import MANIFEST, write_sample_manifest
 from gaussray.io.safe.limits import Limits, limit
 from gaussray.render.focus import FocusMeter
@@ -35,6 +35,7 @@ from gaussray.render.randomize.generate import (
 from gaussray.render.randomize.options import DrawOptions
 from gaussray.render.rig.view_files import load_views
 from gaussray.runtime.devices import DevicesOptions, is_distributed, start_devices
+from gaussray.runtime.progress import say
 from gaussray.scene.formats.any_file import load
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip
@@ -176,6 +177,8 @@ def sample_source(cfg: Configuration, overrides: Sequence[str]) -> SampleSource:
     read, cameras = functools.lru_cache(_KEPT)(load), functools.lru_cache(_KEPT)(load_views)
     options = build_options(DrawOptions, cfg.dataset)
     meters: dict[tuple[int, TraceOptions], FocusMeter] = {}
+    # Samples of as many frames share a line.
+    note = functools.cache(say)
 
     def meter(scene: Scene | Clip, trace: TraceOptions) -> FocusMeter:
         # A meter holds its scene, whose id is therefore no other one's.
@@ -197,6 +200,8 @@ def sample_source(cfg: Configuration, overrides: Sequence[str]) -> SampleSource:
         # Pictures do not depend on it: a dataset that ran out of memory continues with less.
         del parameters["render"]["memory"]
         job = render_job(varied, read, cameras, meter=meter)
+        if line := check_layout(options.layout, job.records):
+            note(line)
         parameters["aperture"] |= chosen_lengths(parameters["aperture"], job.records[0].camera)
         if options.clearance:
             space = free_space(varied.scene, varied.cameras, job.trace)

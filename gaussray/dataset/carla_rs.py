@@ -11,7 +11,7 @@ from gaussray.io.atomic import atomic_path
 
 
 # Frames of a sequence that the loader reads.
-_FRAMES = 10
+CARLA_FRAMES = 10
 _HEAD = "# Ground truth velocity in camera frame\n# wx, wy, wz, x, y, z\n"
 
 
@@ -27,14 +27,14 @@ def write_carla_rs(source: SampleFiles, out: Path, units: ImuOptions) -> int:
         The number of frames.
     """
     folder = out / source.name
-    for i, frame in enumerate(source.frames[:_FRAMES]):
+    for i, frame in enumerate(source.frames[:CARLA_FRAMES]):
         source.copy(source.file(frame), folder / f"{i:04d}_rs.png")
         for label, short in (("global_first", "f"), ("global_middle", "m")):
             source.copy(source.file(frame, label), folder / f"{i:04d}_gs_{short}.png")
     values = " ".join(f"{x:.9g}" for x in _first_motion(source, units))
     with atomic_path(folder / "gt_vel.log") as partial:
         partial.write_text(f"{_HEAD}{values}\n", encoding="utf-8")
-    return min(len(source.frames), _FRAMES)
+    return min(len(source.frames), CARLA_FRAMES)
 
 
 def _first_motion(source: SampleFiles, units: ImuOptions) -> np.ndarray:

@@ -1,7 +1,7 @@
 """Writes a sample of a generated dataset as EuRoC does: pictures, IMU and the true states."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -100,16 +100,30 @@ def _rows(stamps: Sequence[int], columns: Sequence[np.ndarray]) -> list[str]:
     ]
 
 
+def check_euroc_lens(keys: Mapping[str, Any], where: str) -> None:
+    """Check that EuRoC can describe a lens.
+
+    Args:
+        keys: the lens's keys in a manifest.
+        where: the key of the layout, with the sample that it is of, for the message.
+
+    Raises:
+        ValueError: It cannot; the message names the lens.
+    """
+    model = keys.get("camera_model") or keys.get("lens", {}).get("model")
+    more = " ".join(k for k in _MORE if model != "OPENCV_FISHEYE" and keys.get(k))
+    if model not in _DISTORTIONS or more:
+        raise ValueError(
+            f"{where}=euroc must have a pinhole lens with k1 k2 p1 p2 or a Kannala-Brandt fisheye, "
+            f"got {model}{f' with {more}' if more else ''}. Render with lens=pinhole, or choose "
+            "the layout tum."
+        )
+
+
 def _camera(source: SampleFiles, nanos: Sequence[int], begin: int) -> dict[str, Any]:
     frame = source.frames[0]
-    model = frame.get("camera_model")
-    if model not in _DISTORTIONS or any(frame.get(k) for k in _MORE if model != "OPENCV_FISHEYE"):
-        raise ValueError(
-            f"{source.data}: layout=euroc knows pinholes with k1 k2 p1 p2 and Kannala-Brandt "
-            f"fisheyes, sample {source.name} has {model} with other coefficients. Render the "
-            "dataset with lens=pinhole, or choose layout=tum."
-        )
-    name, keys = _DISTORTIONS[model]
+    check_euroc_lens(frame, f"{source.data}: sample {source.name}: layout")
+    name, keys = _DISTORTIONS[frame["camera_model"]]
     rate = _NANO * (len(nanos) - 1) / (nanos[-1] - nanos[0]) if len(nanos) > 1 else 0.0
     return {
         "sensor_type": "camera",

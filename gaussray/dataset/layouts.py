@@ -1,17 +1,19 @@
 """Copies a generated dataset into the folders of published datasets, which their loaders read."""
 
+import dataclasses
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from gaussray.camera.imu import ImuOptions
-from gaussray.dataset.carla_rs import write_carla_rs
+from gaussray.dataset.carla_rs import CARLA_FRAMES, write_carla_rs
 from gaussray.dataset.coco import write_coco
-from gaussray.dataset.euroc import euroc_writer
+from gaussray.dataset.euroc import check_euroc_lens, euroc_writer
 from gaussray.dataset.imagefolder import write_image_folder
 from gaussray.dataset.images import write_pixels
+from gaussray.dataset.manifest import FrameRecord
 from gaussray.dataset.optical_flow import write_flo, write_kitti_flow
 from gaussray.dataset.sample_files import SampleFiles
 from gaussray.dataset.sample_manifest import MANIFEST, read_frames
@@ -20,8 +22,9 @@ from gaussray.io.atomic import atomic_path
 from gaussray.io.safe.openimageio import oiio
 
 
-# Frames of a sequence that the loader of Fastec-RS reads.
+# Frames of a sequence that the loader of Fastec-RS reads, and those of each layout with a limit.
 _FASTEC_FRAMES = 34
+_MOST_FRAMES = {"fastec_rs": _FASTEC_FRAMES, "carla_rs": CARLA_FRAMES}
 # TUM's levels of depth per unit; 0 is none.
 _TUM_STEPS = 5000
 # The labels that `dataset.layout` renders for a layout. All but tum's are needed.
@@ -36,6 +39,55 @@ LAYOUT_LABELS = {
     "coco": ("group",),
     "imagefolder": (),
 }
+# Keys of `imu` that a layout uses; all others use none.
+_IMU_KEYS = {
+    "euroc": tuple(field.name for field in dataclasses.fields(ImuOptions)),
+    "carla_rs": ("units_per_metre", "seconds_per_unit"),
+}
+
+
+def check_layout(layout: str, records: Sequence[FrameRecord]) -> str:
+    """Check, before it is rendered, that a layout can hold a sample.
+
+    Args:
+        layout: one of `LAYOUT_LABELS`; empty for none.
+        records: the frames of the sample.
+
+    Returns:
+        A line about frames that the layout leaves out; empty if it takes all.
+
+    Raises:
+        ValueError: The layout cannot describe the lens.
+    """
+    if layout == "euroc":
+        for record in records:
+            check_euroc_lens(record.camera.lens.record().keys, "dataset.layout")
+    most = _MOST_FRAMES.get(layout, len(records))
+    if len(records) <= most:
+        return ""
+    return f"dataset.layout={layout} takes {most} frames of a sample; {len(records)} are rendered."
+
+
+def check_imu_keys(imu: ImuOptions, layout: str, key: str) -> None:
+    """Check that a layout uses every key of the IMU that is set.
+
+    Args:
+        imu: the options.
+        layout: name of the layout; empty for none.
+        key: the key that chooses it, for messages.
+
+    Raises:
+        ValueError: A key has no effect.
+    """
+    used = _IMU_KEYS.get(layout, ())
+    for field in dataclasses.fields(imu):
+        if field.name not in used and getattr(imu, field.name) != field.default:
+            layouts = " or ".join(name for name, keys in _IMU_KEYS.items() if field.name in keys)
+            choice = f"with {key}={layout}" if layout else f"without {key}"
+            raise ValueError(
+                f"imu.{field.name} has no effect {choice}. Choose {key}={layouts}, or leave out "
+                f"imu.{field.name}."
+            )
 
 
 def write_layout(

@@ -1,6 +1,6 @@
 """Mean scores of many pictures, and a report as a text table."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -67,9 +67,7 @@ def scores_text(report: dict[str, Any]) -> str:
     measured = {key for _, row in rows for key in row}
     columns = [c for c in COLUMNS if c[1] in measured or c[1] not in OPTIONAL]
     lines = [("effect", [head for head, _, _ in columns])]
-    lines += [
-        (n, [figure_text(row.get(key), digits) for _, key, digits in columns]) for n, row in rows
-    ]
+    lines += [(n, [score_text(row, key, digits) for _, key, digits in columns]) for n, row in rows]
     widths = [max(len(head) + 2, 8) for head, _, _ in columns]
     return "\n".join(
         f"{name:<20}" + "".join(f"{v:>{w}}" for v, w in zip(values, widths, strict=True))
@@ -84,7 +82,8 @@ def _means(rows: Sequence[dict[str, Any]], samples: int) -> dict[str, Any]:
         values = [row[name] for row in rows if name in row]
         if values:
             mean = float(np.mean(values))
-            # Equal pictures have an infinite PSNR, which JSON cannot represent.
+            # Equal pictures have an infinite PSNR, which JSON cannot represent: it is null, and
+            # what is not measured is left out.
             means[name] = round(mean, 4) if np.isfinite(mean) else None
     error = [row["moving"] for row in rows if "moving" in row]
     if error:
@@ -95,11 +94,16 @@ def _means(rows: Sequence[dict[str, Any]], samples: int) -> dict[str, Any]:
     return means | {"samples": samples, "frames": len(rows)}
 
 
-def figure_text(value: float | int | None, digits: int) -> str:
-    """A figure of a table with so many digits, "-" if there is none.
+def score_text(row: Mapping[str, Any], key: str, digits: int) -> str:
+    """A score of a report with so many digits: "inf" for the PSNR of equal pictures, which a report
+    stores as null, and "-" for what was not measured.
 
     Args:
-        value: the figure.
+        row: the scores of an effect, or of a part of it.
+        key: name of the score.
         digits: digits after the point.
     """
-    return "-" if value is None else f"{value:.{digits}f}"
+    value = row.get(key)
+    if value is None:
+        return "inf" if key in row and key.startswith("psnr") else "-"
+    return f"{value:.{digits}f}"

@@ -8,7 +8,7 @@ import numpy as np
 
 from gaussray.capture.picture_file import read_stored
 from gaussray.evaluate.pipeline import SCORES
-from gaussray.evaluate.scores import COLUMNS, figure_text
+from gaussray.evaluate.scores import COLUMNS, score_text
 from gaussray.report.chart import Curve, chart
 from gaussray.report.markup import Markup, tag
 from gaussray.report.page import Section, html_table, note
@@ -38,7 +38,7 @@ def score_table(report: dict[str, Any]) -> Section | None:
     measured = {key for _, row in rows for key in row}
     columns = [c for c in COLUMNS if c[1] in measured]
     columns = [*columns, ("rays per pixel", "samples", 0)]
-    body = [[name, *(figure_text(row.get(key), n) for _, key, n in columns)] for name, row in rows]
+    body = [[name, *(score_text(row, key, n) for _, key, n in columns)] for name, row in rows]
     words = (
         "PSNR in dB between 8-bit sRGB pictures, mean over the pictures; what their masks hide "
         "counts in no score. Masked: inside the lens's field of view. Moving: over pixels that "

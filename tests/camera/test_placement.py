@@ -45,6 +45,12 @@ def test_an_arc_is_one_and_goes_on_beyond_its_times(turns):
 
 
 def test_a_view_along_up_is_refused():
+    with pytest.raises(
+        ValueError, match=r"eye and camera\.target must differ, got \[0\.1, 2, 3\] f"
+    ):
+        look_at((0.1, 2, 3), (0.1, 2, 3))
+    with pytest.raises(ValueError, match=r"along the view .* up \[0\.1, 0, 0\]\.$"):
+        look_at((0, 0, 0), (1, 0, 0), (0.1, 0, 0))
     with pytest.raises(ValueError, match=r"camera\.up must not be zero or along the view"):
         look_at((0, 0, 3))
     with pytest.raises(ValueError, match="times must increase"):

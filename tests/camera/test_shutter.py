@@ -13,6 +13,7 @@ from gaussray.camera.shutter import (
     first_and_last_pixels,
     global_shutter,
     interlaced_row_times,
+    rolling_shutter,
     row_number,
     sample_time,
     time_window,
@@ -136,6 +137,7 @@ def test_single_precision_stays_single():
         (lambda: shutter(exposure=-1), "shutter.exposure must be at least 0, got -1.0"),
         (lambda: shutter(row_step=np.nan), "shutter.row_step must be finite"),
         (lambda: shutter(row_offset=np.inf), "shutter.row_offset must be finite"),
+        (lambda: rolling_shutter(np.nan, 6), "shutter.readout must be finite, got nan"),
         (lambda: shutter(direction="up"), "shutter.direction must be one of"),
     ],
 )

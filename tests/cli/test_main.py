@@ -143,6 +143,17 @@ def test_all_help_of_a_command_prints_every_key(command, capsys):
         assert "lens=f_theta" in text and "lens.k                    [0.0, 9.0e-3, 0.0" in text
 
 
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("--help=all", "write `gaussray COMMAND --help=all`"),
+        ("render --help=foo", "`gaussray render --help` or `gaussray render --help=all`."),
+    ],
+)
+def test_help_that_does_not_exist_names_what_does(fails, words, told):
+    assert told in fails(*words.split())
+
+
 def test_help_says_how_the_command_ends(capsys):
     main(["--help"])
     text = capsys.readouterr().out
@@ -335,6 +346,27 @@ def test_a_scene_without_cameras(fails, tmp_path):
             "sample.shutter.exposure.uniform=[0.6,0.7]",
             "sample 0 is impossible: shutter.exposure must be at most the 0.5 from one frame",
         ),
+        (
+            "dataset.count=1 dataset.layout=euroc lens=equidistant",
+            "sample 0 is impossible: dataset.layout=euroc must have a pinhole lens with k1 k2 p1 "
+            "p2 or a Kannala-Brandt fisheye, got equidistant. Render with lens=pinhole",
+        ),
+        (
+            "dataset.count=1 dataset.layout=carla_rs imu.rate=100",
+            "imu.rate has no effect with dataset.layout=carla_rs. Choose dataset.layout=euroc, or",
+        ),
+        (
+            "dataset.count=1 imu.gravity=[0,0,-1]",
+            "imu.gravity has no effect without dataset.layout",
+        ),
+        (
+            "imu.units_per_metre=2",
+            "Choose dataset.layout=euroc or carla_rs, or leave out imu.units_",
+        ),
+        ("dataset.frames=3", "dataset.frames needs dataset.count of at least 1, got 0"),
+        ("dataset.seed=3", "dataset.seed needs dataset.count of at least 1, got 0"),
+        ("camera=look_at camera.times=[nan]", "camera.times must be a list of numbers, got nan in"),
+        ("shutter=rolling shutter.readout=nan", "shutter.readout must be a number, got nan."),
         ("dataset.count=2 sample.fps=3", "sample.fps must be a distribution"),
         ("dataset.count=2 sample.lens.fog.uniform=[0,1]", "sample.lens.fog: lens.fog is no key"),
         ("dataset.count=2 sample.lens.choice=[mirror]", "got 'mirror'"),

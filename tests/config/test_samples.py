@@ -1,9 +1,12 @@
 """Distributions of keys that do not exist are refused before anything is drawn."""
 
 import pytest
+import toy
 
 from gaussray.config.compose import compose_config
 from gaussray.config.samples import sample_source
+from gaussray.dataset.manifest import write_manifest
+from gaussray.scene.store import save_scene
 
 
 def source(*words):
@@ -42,3 +45,16 @@ def test_what_is_no_key_is_refused_once_with_the_nearest_name(word, message):
 def test_keys_and_groups_of_the_configuration_are_drawn(words):
     drawn = source("dataset.frames=0", *words).distributions
     assert any(key.split(".")[0] in ("lens", "fps", "sensor") for key in drawn)
+
+
+def test_frames_that_a_layout_leaves_out_are_told_once_before_they_are_rendered(tmp_path, capsys):
+    save_scene(tmp_path / "scene.npz", toy.scene())
+    write_manifest(tmp_path / "cameras.json", toy.records())
+    words = [f"scene={tmp_path}", "out=x", "dataset.count=2", "dataset.layout=carla_rs"]
+    words += ["dataset.frames=0", "dataset.clearance=0", "camera.split=train"]
+    words += ["trajectory=between", "trajectory.steps=12"]
+    made = sample_source(compose_config("render", words), words)
+    jobs = [made.make_job({})[1] for _ in range(2)]
+    assert [len(job.records) for job in jobs] == [12, 12]
+    told = "".join(capsys.readouterr())
+    assert told.count("dataset.layout=carla_rs takes 10 frames of a sample; 12 are rendered.") == 1

@@ -103,5 +103,5 @@ def test_frames_with_poses_of_their_own_are_joined_by_a_spline(tmp_path):
 @pytest.mark.parametrize("name", ["k3", "s1", "tau_x"])
 def test_a_lens_that_euroc_does_not_know_is_refused(tmp_path, name):
     data = written(tmp_path, [(0, 0, 0)], [0.0], **{name: 0.1})
-    with pytest.raises(ValueError, match="lens=pinhole"):
+    with pytest.raises(ValueError, match=f"sample 000002: .*got OPENCV with {name}.*lens=pinhole"):
         write_layout(data, tmp_path / "out", "euroc")

@@ -14,7 +14,7 @@ import toy
 from gaussray.capture.picture_file import read_stored
 from gaussray.cli.main import main
 from gaussray.dataset.layers import read_layers
-from gaussray.dataset.layouts import depth_levels, write_layout
+from gaussray.dataset.layouts import check_layout, depth_levels, write_layout
 from gaussray.dataset.manifest import write_manifest
 from gaussray.dataset.optical_flow import write_flo, write_kitti_flow
 from gaussray.dataset.sample_manifest import read_frames
@@ -262,6 +262,15 @@ def test_depth_is_read_as_tum_does(data, tmp_path):
             assert seen.any() and not seen.all()
             np.testing.assert_allclose(levels[seen] / 5000, true[seen], atol=DEPTH_STEP)
             np.testing.assert_array_equal(levels[~seen], 0)
+
+
+@pytest.mark.parametrize(("layout", "most"), [("carla_rs", 10), ("fastec_rs", 34)])
+def test_frames_that_a_layout_leaves_out_are_told(layout, most):
+    (record,) = toy.records(toy.TIMES[:1], toy.CAMERAS[:1])
+    line = f"dataset.layout={layout} takes {most} frames of a sample; {most + 1} are rendered."
+    assert check_layout(layout, [record] * (most + 1)) == line
+    assert check_layout(layout, [record] * most) == ""
+    assert check_layout("tum", [record] * 40) == check_layout("", [record] * 40) == ""
 
 
 def test_depth_that_does_not_fit_is_none():

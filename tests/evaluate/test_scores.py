@@ -30,10 +30,16 @@ def test_parts_are_the_same_means_of_their_own_rows():
     }
 
 
-def test_what_has_no_number_is_none_and_a_dash():
-    found = summary([row(math.inf, "train", seconds=None)], 1)
-    assert found["psnr"] is None and found["fps"] is None
-    assert scores_text({"effects": {"pinhole": found}}).splitlines()[1].split()[1] == "-"
+def test_equal_pictures_are_infinite_and_what_is_not_measured_is_a_dash():
+    found = summary([row(math.inf, "train", (0.0, 90), seconds=None)], 1)
+    assert found["psnr"] is None and found["psnr_moving"] is None and found["fps"] is None
+    assert "psnr_masked" not in found
+    heads, cells = scores_text({"effects": {"pinhole": found}}).splitlines()
+    names = ["effect", "PSNR", "SSIM", "masked PSNR", "masked SSIM", "moving PSNR", "FPS", "frames"]
+    assert heads.split() == " ".join(names).split()
+    shown = dict(zip(names, cells.split(), strict=True))
+    assert shown["PSNR"] == shown["moving PSNR"] == "inf"
+    assert shown["masked PSNR"] == shown["FPS"] == "-"
 
 
 def test_a_table_shows_parts_below_their_effect_and_only_metrics_that_were_measured():

@@ -80,7 +80,7 @@ def frame_records(
     """
     if format not in ("png", "exr"):
         raise ValueError(f"format must be png (sRGB) or exr (linear light), got {format!r}.")
-    chosen = _choose(views, options)
+    chosen = choose_views(views, options)
     numbers, own = [number for number, _ in chosen], [view for _, view in chosen]
     frames, near = moved_frames(
         views, own, options.trajectory, names=options.camera.names, within=within
@@ -147,9 +147,17 @@ def _equipped(
     )
 
 
-def _choose(views: Sequence[View], rig: RigOptions) -> list[tuple[int, View]]:
+def choose_views(views: Sequence[View], rig: RigOptions) -> list[tuple[int, View]]:
     """The chosen views in the order of `camera.names`, each with its number among them in the order
-    of the capture."""
+    of the capture.
+
+    Args:
+        views: the views of the capture.
+        rig: which of them are chosen.
+
+    Raises:
+        ValueError: The options choose no frame, or name what is not there.
+    """
     options = rig.camera
     _check_repeated(options.names, rig.trajectory)
     names = dict.fromkeys(view.camera_name for view in views)

@@ -63,7 +63,8 @@ def move_cameras(
             all in the order of the frames.
 
     Returns:
-        The same frames, or those of one moving camera.
+        The same frames, or those of one moving camera. It has film, lens, aperture and shutter of
+        the first of those cameras.
 
     Raises:
         ValueError: A value breaks its rule.
@@ -76,7 +77,7 @@ def move_cameras(
             moved = [(n, s, _with_interpolation(camera, options)) for n, s, camera in frames]
     else:
         path, times = _path(frames, options, names)
-        base = _one_per_camera(frames)[0]
+        base = _one_per_camera(frames, names)[0]
         parts = base.film, base.lens, base.aperture, base.shutter, path
         moved = [
             ("ride", "test", Camera(*parts, to_device(time), clip_start=base.clip_start))
@@ -140,6 +141,7 @@ def _path(
                 f"trajectory.clock must be one of {', '.join(CLOCKS)}, got {options.clock!r}."
             )
         if options.clock == "file":
+            _check_clock(options, times, (first, last))
             first, last = times[0], times[-1]
         elif len(times) > 1:
             times = first + (times - times[0]) / (times[-1] - times[0]) * (last - first)
@@ -157,6 +159,30 @@ def _path(
     times, quat, position = (_float32(x) for x in (times, quat, position))
     path = Trajectory(times, quat, position, options.interpolation)
     return path, np.linspace(first, last, options.steps).astype(np.float32)
+
+
+def _check_clock(
+    options: TrajectoryOptions, times: Float[np.ndarray, " poses"], chosen: tuple[float, float]
+) -> None:
+    """Check that single precision, in which cameras have their times, tells those of a file apart.
+
+    Args:
+        options: the options.
+        times: the times of the file, in double precision.
+        chosen: first and last time of the chosen frames.
+    """
+    first, last = times[0], times[-1]
+    # A path of one pose has one time, that of every frame.
+    steps = np.linspace(first, last, options.steps) if first < last else times
+    if all(np.all(np.diff(x.astype(np.float32)) > 0) for x in (times, steps)):
+        return
+    begin, end = chosen
+    outside = f"lie outside of the scene's chosen times, {begin:.7g} to {end:.7g}, and "
+    raise ValueError(
+        f"trajectory.clock=file: the times of {options.file}, {first:.12g} to {last:.12g}, "
+        f"{outside if last < begin or first > end else ''}are too large for their small steps in "
+        "single precision. Choose trajectory.clock=span, or subtract the first time from all."
+    )
 
 
 def path_of_key(

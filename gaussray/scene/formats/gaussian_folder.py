@@ -51,6 +51,8 @@ _STATING = {
 # Arguments of networks that are not supported.
 UNKNOWN = ("no_grid", "grid_pe", "static_mlp", "empty_voxel", "apply_rotation")
 
+# Files of a folder that a message names.
+_SHOWN = 5
 # Largest number of characters of the arguments; models have some two thousand.
 _LONGEST = 100_000
 
@@ -132,12 +134,23 @@ def _iteration_folder(source: Path, iteration: int | None) -> Path | None:
         raise ValueError(f"iteration must be null unless source is a model's folder, got {source}.")
     if source.is_dir():
         if not (source / "point_cloud.ply").is_file():
-            raise FileNotFoundError(
-                f"{source}: holds no point_cloud.ply. Name a PLY file, the folder of a model or "
-                "that of one of its iterations."
-            )
+            raise FileNotFoundError(_no_model(source))
         return source.resolve()
     return None
+
+
+def _no_model(source: Path) -> str:
+    """What to name instead of a folder that is no model: its files that are, if there are some."""
+    endings = (".ply", *READERS)
+    files = sorted(x.name for x in source.iterdir() if x.suffix.lower() in endings)
+    shown = ", ".join(files[:_SHOWN]) + (
+        f" and {len(files) - _SHOWN} others" * (len(files) > _SHOWN)
+    )
+    which = f"a file in it ({shown})" if files else f"a file ({', '.join(endings)})"
+    return (
+        f"{source}: holds no point_cloud.ply and no {META}. Name {which}, the folder of a trained "
+        "model, of one of its iterations, or of a SOG scene."
+    )
 
 
 def _arguments(path: Path) -> dict[str, Any]:

@@ -60,7 +60,10 @@ def read_ksplat(path: Path | str) -> Gaussians:
         counts, level = np.frombuffer(head, "<u4", 5), int(np.frombuffer(head, "<u2", 11)[10])
         if level not in _TYPES:
             raise _damaged(path, f"compression 0, 1 or 2, got {level}")
-        sections, total = int(counts[1]), int(counts[3])
+        # The largest number of Gaussians; a file that leaves it out has only the number in use.
+        sections, total = int(counts[1]), int(counts[3] or counts[4])
+        if not total:
+            raise _damaged(path, "at least one Gaussian")
         within(path, "the millions of Gaussians", total, "points", 1e6)
         if not 0 < sections <= total:
             raise _damaged(path, f"1 to {total} sections, got {sections}")

@@ -1,6 +1,7 @@
 """Reads and writes SPZ files (Niantic): a header and columns of bytes.
 
-Versions 2 and 3 are packed by gzip as a whole, version 4 column by column by Zstandard.
+Versions 2 and 3 are packed by gzip as a whole or not at all, version 4 column by column by
+Zstandard.
 
 Header, little endian: magic "NGSP", version, number of Gaussians (uint32 each), degree of the
 harmonics, fractional bits of positions, flags, and a zero; of version 4 the number of columns, and
@@ -57,7 +58,7 @@ def read_spz(path: Path | str) -> Gaussians:
         raise ValueError(f"{path}: must be an SPZ file (magic NGSP), got {data[:4]!r}.")
     head = np.frombuffer(data, _HEADER, 1)[0]
     version, count, degree = int(head["version"]), int(head["count"]), int(head["degree"])
-    versions = (4,) if plain else (2, 3)
+    versions = (2, 3, 4) if plain else (2, 3)
     if version not in versions or degree > 3:
         raise ValueError(
             f"{path}: must be SPZ of version 2, 3 or 4 and degree 0 to 3, got version {version} "
@@ -67,7 +68,9 @@ def read_spz(path: Path | str) -> Gaussians:
     rest = (degree + 1) ** 2 - 1
     sizes = [count * width for width in (9, 1, 3, 3, 3 if version == 2 else 4, 3 * rest)]
     parts = (
-        _streams(path, data, sizes) if plain else _split_columns(data[_HEADER.itemsize :], sizes)
+        _streams(path, data, sizes)
+        if version == 4
+        else _split_columns(data[_HEADER.itemsize :], sizes)
     )
     if not count or [len(part) for part in parts] != sizes:
         raise ValueError(f"{path}: must hold {count} Gaussians, at least one; it is cut off.")

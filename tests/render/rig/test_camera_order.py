@@ -1,5 +1,7 @@
 """Frames, delays and rides follow the order of camera.names; the pictures keep their numbers."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import toy
@@ -8,6 +10,7 @@ from gaussray.capture.formats.paired import read_views
 from gaussray.dataset.manifest import write_manifest
 from gaussray.render.rig import rig
 from gaussray.render.rig.placed import placed_views
+from gaussray.render.rig.trajectory import move_cameras
 
 
 @pytest.fixture(scope="module")
@@ -55,6 +58,22 @@ def test_a_ride_passes_the_cameras_in_their_order_and_may_return(views):
         np.testing.assert_array_equal(places(views, *names), [place[name] for name in names])
     with pytest.raises(ValueError, match="between needs at least two cameras"):
         places(views, "cam_2", "cam_2")
+
+
+def test_the_camera_of_a_ride_is_the_first_in_its_order_whatever_that_of_the_frames(views):
+    starts = {view.camera_name: toy.single(k + 0.5) for k, view in enumerate(views)}
+    frames = [
+        (
+            view.camera_name,
+            view.split,
+            dataclasses.replace(view.camera, clip_start=starts[view.camera_name]),
+        )
+        for view in views
+    ]
+    options = rig.TrajectoryOptions("between", steps=2)
+    for first in ("cam_0", "cam_2"):
+        ride = move_cameras(frames, options, (first, "cam_1"))
+        assert all(camera.clip_start == starts[first] for _, _, camera in ride)
 
 
 @pytest.mark.parametrize("kind", ["keep", "path"])

@@ -252,13 +252,26 @@ def test_harmonics_of_a_lower_degree_do_not_take_residuals(tmp_path):
     ("source", "iteration", "message"),
     [
         ("none.ply", None, "none.ply: no such file"),
-        ("", None, "holds no point_cloud.ply. Name a PLY file"),
+        ("", None, "holds no point_cloud.ply and no meta.json. Name a file"),
         ("a.ply", 3, "iteration must be null unless source is a model's folder"),
     ],
 )
 def test_a_source_that_is_none(tmp_path, source, iteration, message):
     with pytest.raises((ValueError, FileNotFoundError), match=message):
         read_model(tmp_path / source, iteration)
+
+
+def test_a_folder_of_models_names_its_files(tmp_path):
+    for name in ("b.SPZ", "a.ply", "c.txt"):
+        (tmp_path / name).touch()
+    with pytest.raises(
+        FileNotFoundError, match=r"Name a file in it \(a\.ply, b\.SPZ\), the folder"
+    ):
+        read_model(tmp_path)
+    for k in range(5):
+        (tmp_path / f"d{k}.glb").touch()
+    with pytest.raises(FileNotFoundError, match=r"\(a\.ply, .*, d2\.glb and 2 others\)"):
+        read_model(tmp_path)
 
 
 def test_every_array_of_a_field_gets_gradient(tmp_path):

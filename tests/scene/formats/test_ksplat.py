@@ -134,9 +134,28 @@ def _set(kind, place, value, of_section=False):
     return change
 
 
+def test_a_count_in_use_stands_for_a_largest_count_that_is_left_out(tmp_path, model):
+    def change(head, sections):
+        head.view("<u4")[2:4] = 0
+
+    close_to(
+        read_ksplat(written(tmp_path / "a.ksplat", [model], 0, [2], change=change)), model, 0, 2
+    )
+
+
+def _total(most, used):
+    def change(head, sections):
+        head.view("<u4")[3:5] = most, used
+
+    return change
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
+        (_total(0, 0), "at least one Gaussian"),
+        (_total(0, 12), "12 Gaussians in its sections"),
+        (_total(0, 2**32 - 1), "millions of Gaussians"),
         (_set("u1", 1, 0), "version 0.1 or newer"),
         (_set("<u2", 10, 3), "compression 0, 1 or 2, got 3"),
         (_set("<u4", 1, 0), "1 to 11 sections, got 0"),

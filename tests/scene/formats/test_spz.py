@@ -56,9 +56,29 @@ def test_version_2_has_three_bytes_of_rotation(tmp_path):
     assert found.opacity[0] == pytest.approx(128 / 255)
 
 
+@pytest.mark.parametrize("version", [2, 3])
+def test_what_is_not_packed_is_read_as_what_is(tmp_path, version):
+    rotation = np.random.default_rng(0).integers(0, 256, (5, 3 if version == 2 else 4), np.uint8)
+    rotation[:, 0] |= 1
+    head = MAGIC + np.array([version, 5], "<u4").tobytes() + bytes([1, 12, 0, 0])
+    rest = [np.arange(5 * width, dtype=np.uint8).tobytes() for width in (9, 1, 3, 3)]
+    content = head + b"".join([*rest, rotation.tobytes(), bytes(range(45))])
+    (tmp_path / "a.spz").write_bytes(content)
+    (tmp_path / "b.spz").write_bytes(packed(content))
+    plain, unpacked = read_spz(tmp_path / "a.spz"), read_spz(tmp_path / "b.spz")
+    for name in ("mean", "quat", "scale", "opacity", "harmonics"):
+        np.testing.assert_array_equal(getattr(plain, name), getattr(unpacked, name))
+    for wrong in (content[:-1], content + b"x"):
+        (tmp_path / "a.spz").write_bytes(wrong)
+        with pytest.raises(ValueError, match="must hold 5 Gaussians, at least one; it is cut off"):
+            read_spz(tmp_path / "a.spz")
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [
+        (MAGIC + np.array([2, 2**31], "<u4").tobytes() + bytes(4), "millions of Gaussians"),
+        (MAGIC + np.array([1, 1], "<u4").tobytes() + bytes(4), "got version 1"),
         (b"ply", "packed by gzip"),
         (packed(b"what is this, a file?"), "magic NGSP"),
         (packed(MAGIC + np.array([4, 1], "<u4").tobytes() + bytes(4)), "got version 4"),
