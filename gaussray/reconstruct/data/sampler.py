@@ -126,8 +126,8 @@ class Sampler:
         if not len(self.instants):
             raise CaptureError(
                 "mask_path: the masks leave no pixel of any training view. Masks are white where a "
-                "pixel counts; invert them if they mark what is to be ignored, or rename the folder "
-                "masks/ to use all pixels."
+                "pixel counts; invert them if they mark what is to be ignored, or rename the "
+                "folder masks/ to use all pixels."
             )
 
     def see_moved(self, moved: Integer[np.ndarray, "frames tiles"]) -> None:
