@@ -4,6 +4,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 from gaussray.reconstruct.optimize.rows import take_rows
 from gaussray.reconstruct.simplify.candidate import Candidate, scale_rows
@@ -116,6 +117,6 @@ def _or_none(head: tuple[Layer, Layer] | None) -> tuple[Layer, Layer] | None:
     return head if adds else None
 
 
-def _shortest(plane: np.ndarray) -> np.ndarray:
+def _shortest(plane: Array | np.ndarray) -> Array | np.ndarray:
     """One row of a time plane whose rows are all the same."""
     return plane[:, :1] if np.all(plane == plane[:, :1]) else plane
