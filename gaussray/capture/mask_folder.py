@@ -15,8 +15,9 @@ MASK_FOLDER = "masks"
 # How far from black and white the levels of a mask may be (JPEG), and the share of its pixels that
 # must not be farther: edges are grey.
 _EDGE, _PLAIN = 0.1, 0.8
-# Masks of which one must look like one: some hide all of their pictures.
-_LOOKED_AT = 8
+# Masks of which one must look like one, as some hide all of their pictures; and about how many of
+# their columns or rows are looked at.
+_LOOKED_AT, _SIDE = 8, 1000
 _SUFFIXES = (".png", ".PNG", ".jpg", ".JPG", ".jpeg")
 
 
@@ -34,10 +35,10 @@ def with_mask_folder(capture: Capture) -> Capture:
         return capture
     views, home = capture.all_views, capture.folder / MASK_FOLDER
     masks = {view.image: mask for view in views if (mask := _mask(capture.folder, view))}
-    some = list(masks.values())[:: -(-len(masks) // _LOOKED_AT) or 1]
-    if masks and not any(_is_black_and_white(path) for path in some):
+    other = _other_than_masks(list(masks.values()))
+    if other is not None:
         warnings.warn(
-            f"{home}: its files, such as {some[0].name}, are not used: masks are black and white, "
+            f"{home}: its files, such as {other.name}, are not used: masks are black and white, "
             "and white where a pixel counts.",
             CaptureWarning,
             stacklevel=4,
@@ -71,9 +72,17 @@ def with_mask_folder(capture: Capture) -> Capture:
     return capture.with_views(masked)
 
 
-def _is_black_and_white(path: Path) -> bool:
-    """Whether nearly all pixels of a picture are black or white, and some white; or whether it is
-    cut out by its alpha. Label maps and colours of instances are not masks."""
+def _other_than_masks(files: list[Path]) -> Path | None:
+    """A file that is no mask, if none of some files is one; what is all black tells nothing."""
+    told = [(path, _is_mask(path)) for path in files[:: -(-len(files) // _LOOKED_AT) or 1]]
+    if any(is_mask for _, is_mask in told):
+        return None
+    return next((path for path, is_mask in told if is_mask is False), None)
+
+
+def _is_mask(path: Path) -> bool | None:
+    """Whether nearly all pixels of a picture are black or white, or it is cut out by its alpha:
+    label maps and colours of instances are not masks. None if all are black."""
     try:
         values, alpha = read_with_alpha(path, *picture_size(path))
     except (OSError, CaptureError):
@@ -81,9 +90,12 @@ def _is_black_and_white(path: Path) -> bool:
         return True
     if alpha is not None:
         return True
-    share = values / (np.iinfo(values.dtype).max if values.dtype.kind == "u" else 1)
-    grey = np.ptp(share, axis=2) < _EDGE
-    white = grey & (share > 1 - _EDGE).all(axis=2)
+    step = -(-max(values.shape[:2]) // _SIDE)
+    values = values[::step, ::step]
+    if not values.any():
+        return None
+    share = values / np.float32(np.iinfo(values.dtype).max if values.dtype.kind == "u" else 1)
+    white = (np.abs(share - 1) < _EDGE).all(axis=2)
     return bool(white.any() and np.mean(white | (share < _EDGE).all(axis=2)) > _PLAIN)
 
 

@@ -80,9 +80,20 @@ def lens_of_path(path: Path | str) -> PathLens | None:
 
 
 def _degrees_across(key, block):
-    """Horizontal field of view of a block's key; None if its shape is not known."""
+    """Horizontal field of view of a block's key; None if its shape is not known, or it is no
+    pinhole's."""
+    kinds = str(block.get("camera_model", "PINHOLE")), str(block.get("camera_type", "perspective"))
+    if kinds[0].upper() not in ("PINHOLE", "SIMPLE_PINHOLE", "OPENCV") or kinds[1] != "perspective":
+        return None
+    degrees = _pinhole_degrees(key, block)
+    return degrees if degrees is not None and 0 < degrees < 180 else None
+
+
+def _pinhole_degrees(key, block):
     if key == "camera_angle_x":
         return float(np.degrees(block[key]))
+    if key == "fov" and block[key] >= 180:
+        return None
     if key == "fl_x":
         width = block.get("w")
         half = width / 2 / block[key] if _is_positive(width) else None

@@ -59,8 +59,6 @@ def field_value(field: dataclasses.Field, value: Any, key: str) -> Any:
         ValueError: the value, or what is in its list, is of another type or not a number (nan).
     """
     types = get_args(field.type)
-    if isinstance(value, float) and math.isnan(value):
-        raise ValueError(f"{key} must be a number, got nan.")
     if isinstance(value, list) and str in types and any(get_origin(t) is tuple for t in types):
         return tuple(_numbers(value, key))
     if isinstance(value, list) and float in types:
@@ -98,8 +96,10 @@ def as_type(kind: type, value: Any, key: str) -> Any:
         key: full name of the key (`lens.fov`), for messages.
 
     Raises:
-        ValueError: the value is of another type.
+        ValueError: the value is of another type, or not a number (nan).
     """
+    if kind is float and isinstance(value, float) and math.isnan(value):
+        raise ValueError(f"{key} must be a number, got nan.")
     if kind is tuple and isinstance(value, list):
         return tuple(value)
     if kind is float and type(value) is int:

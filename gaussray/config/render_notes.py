@@ -126,12 +126,15 @@ def _note_path_lens(key: str, file: str, note: Callable[[str], Any]) -> None:
     if lens is None:
         return
     span = f"{lens.least:.4g}" + f" to {lens.largest:.4g}" * (lens.least < lens.largest)
-    fov = "DEGREES" if lens.degrees is None else f"{lens.degrees:.4g}"
     which = "the first pose's" if lens.least < lens.largest else "that"
+    remedy = "lens=pinhole lens.fov=DEGREES gives all pictures a field of view from left to right."
+    if lens.degrees is not None:
+        remedy = (
+            f"lens=pinhole lens.fov={lens.degrees:.4g} gives all pictures {which} field of view, "
+            "in degrees from left to right."
+        )
     note(
-        f"{key}={file}: its poses alone are read, not its {lens.key} ({span} {lens.unit}); "
-        f"lens=pinhole lens.fov={fov} gives all pictures {which} field of view, in degrees from "
-        "left to right."
+        f"{key}={file}: its poses alone are read, not its {lens.key} ({span} {lens.unit}); {remedy}"
     )
 
 

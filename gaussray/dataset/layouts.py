@@ -79,6 +79,9 @@ def check_imu_keys(imu: ImuOptions, layout: str, key: str) -> None:
     Raises:
         ValueError: A key has no effect.
     """
+    if layout not in ("", "webdataset", *LAYOUT_LABELS):
+        # The layout itself is refused where it is used.
+        return
     used = _IMU_KEYS.get(layout, ())
     for field in dataclasses.fields(imu):
         if field.name not in used and getattr(imu, field.name) != field.default:

@@ -433,6 +433,16 @@ def test_label_maps_in_the_folder_of_masks_hide_nothing(static, colors):
 
 
 @pytest.mark.filterwarnings("ignore:.*no frame has a time")
+@pytest.mark.parametrize("seen", [[], [3]])
+def test_masks_may_hide_whole_pictures(static, seen):
+    for k in range(5):
+        write_image(static / f"masks/{k:04d}.png", np.full((H, W, 3), 255 * (k in seen), np.uint8))
+    with pytest.warns(CaptureWarning, match="masks: 5 of 5 pictures have a mask there"):
+        views = open_capture(static).views
+    assert [bool(visible_pixels(view).any()) for view in views] == [k in seen for k in range(5)]
+
+
+@pytest.mark.filterwarnings("ignore:.*no frame has a time")
 def test_masks_in_a_folder_count_beside_a_json_file_that_names_none(static):
     half = np.zeros((H, W, 3), np.uint8)
     half[:, :5] = 255

@@ -141,7 +141,9 @@ def _path(
                 f"trajectory.clock must be one of {', '.join(CLOCKS)}, got {options.clock!r}."
             )
         if options.clock == "file":
-            _check_clock(options, times, (first, last))
+            _check_clock(
+                options, times, (first, max(float(camera.time) for _, _, camera in frames))
+            )
             first, last = times[0], times[-1]
         elif len(times) > 1:
             times = first + (times - times[0]) / (times[-1] - times[0]) * (last - first)
@@ -177,11 +179,14 @@ def _check_clock(
     if all(np.all(np.diff(x.astype(np.float32)) > 0) for x in (times, steps)):
         return
     begin, end = chosen
-    outside = f"lie outside of the scene's chosen times, {begin:.7g} to {end:.7g}, and "
+    outside, remedy = "", "fewer trajectory.steps"
+    if last < begin or first > end:
+        outside = f"lie outside of the scene's chosen times, {begin:.7g} to {end:.7g}, and "
+        remedy = "subtract the first time from all"
     raise ValueError(
         f"trajectory.clock=file: the times of {options.file}, {first:.12g} to {last:.12g}, "
-        f"{outside if last < begin or first > end else ''}are too large for their small steps in "
-        "single precision. Choose trajectory.clock=span, or subtract the first time from all."
+        f"{outside}are too large for their small steps in single precision. Choose "
+        f"trajectory.clock=span, or {remedy}."
     )
 
 

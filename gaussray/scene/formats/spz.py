@@ -73,7 +73,9 @@ def read_spz(path: Path | str) -> Gaussians:
         else _split_columns(data[_HEADER.itemsize :], sizes)
     )
     if not count or [len(part) for part in parts] != sizes:
-        raise ValueError(f"{path}: must hold {count} Gaussians, at least one; it is cut off.")
+        raise ValueError(
+            f"{path}: must hold {count} Gaussians, at least one; it is cut off, or more follows."
+        )
     columns = [np.frombuffer(part, np.uint8).reshape(count, len(part) // count) for part in parts]
     return _gaussians(columns, int(head["bits"]), version, rest)
 
