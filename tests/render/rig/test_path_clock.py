@@ -27,8 +27,18 @@ def ridden(views, trajectory):
     [
         # Single precision does not tell the poses apart, nor the frames between them.
         (("1700000000.0", "1700000000.5"), 2, "to 1700000000.5, lie outside of the sc", "subtract"),
-        (("1700000000", "1700000200"), 5, "lie outside of the scene's chosen times, 0 to 1", "subtract"),
-        (("0.5", "0.50000000001"), 2, "are too large for their small steps", "fewer trajectory.steps"),
+        (
+            ("1700000000", "1700000200"),
+            5,
+            "lie outside of the scene's chosen times, 0 to 1",
+            "subtract",
+        ),
+        (
+            ("0.5", "0.50000000001"),
+            2,
+            "are too large for their small steps",
+            "fewer trajectory.steps",
+        ),
     ],
 )
 def test_a_clock_beyond_single_precision_is_told_with_its_remedies(
