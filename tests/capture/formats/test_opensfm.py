@@ -25,6 +25,7 @@ from gaussray.capture.errors import CaptureError, CaptureWarning
 from gaussray.capture.formats import opensfm
 from gaussray.capture.formats.opensfm import read_opensfm
 from gaussray.capture.open import format_of, open_capture
+from gaussray.dataset.images import write_image
 
 
 SIZE = {"width": W, "height": H}
@@ -132,7 +133,7 @@ def test_pictures_are_found_elsewhere_and_missing_ones_are_told(folder):
 
 
 def test_masks_lie_where_opensfm_has_them(folder):
-    write_picture(folder / "masks/a.png.png")
+    write_image(folder / "masks/a.png.png", np.full((H, W, 3), 255, np.uint8))
     lay(folder, part(ONE))
     with pytest.warns(CaptureWarning, match="1 of 1 pictures have a mask"):
         (view,) = open_capture(folder).views
