@@ -160,28 +160,24 @@ def _note_lens_of_ride(
     passed = {view.camera_name: view.camera for _, view in choose_views(views, rig)}
     first, *others = passed
     lens, film = record.camera.lens, record.camera.film
-    size, focal, kinds = (film.width, film.height), [], {type(lens)}
-    for camera in (passed[name] for name in others):
-        kinds.add(type(camera.lens))
-        if isinstance(camera.lens, FocalLens):
+    own, other = f"the lens of {first}", "others have other kinds of lenses"
+    if all(type(passed[name].lens) is type(lens) for name in others):
+        if not isinstance(lens, FocalLens):
+            return
+        focal = []
+        for camera in (passed[name] for name in others):
             whole = camera.film.width, camera.film.height
-            across = visible_part(whole, size, rig.film.fit)[2]
-            focal.append(float(camera.lens.focal[0]) * size[0] / across)
-    if len(kinds) > 1 or not isinstance(lens, FocalLens):
-        if len(kinds) > 1:
-            models = ", ".join(sorted(kind.__name__ for kind in kinds))
-            note(
-                f"All pictures of the ride have the lens of {first}, though those of its cameras "
-                f"are of several models ({models}); camera.names=[CAMERA,CAMERA] chooses the first."
-            )
-        return
-    own = float(lens.focal[0])
-    if any(abs(f / own - 1) > _OTHER_LENS for f in focal):
-        note(
-            f"All pictures of the ride have the lens of {first}, a focal length of {own:.0f} "
-            f"pixels; the others have {min(focal):.0f} to {max(focal):.0f} pixels at that size. "
-            "camera.names=[CAMERA,CAMERA] chooses the first."
-        )
+            across = visible_part(whole, (film.width, film.height), rig.film.fit)[2]
+            focal.append(float(camera.lens.focal[0]) * film.width / across)
+        length = float(lens.focal[0])
+        if all(abs(f / length - 1) <= _OTHER_LENS for f in focal):
+            return
+        own += f", a focal length of {length:.0f} pixels"
+        other = f"the others have {min(focal):.0f} to {max(focal):.0f} pixels at that size"
+    note(
+        f"All pictures of the ride have {own}; {other}. camera.names=[CAMERA,CAMERA] chooses the "
+        "first."
+    )
 
 
 def _note_shakes(records: Sequence[FrameRecord], seed: int, note: Callable[[str], Any]) -> None:

@@ -14,6 +14,7 @@ from gaussray.prepare.calibrations.known_camera import KnownCamera
 from gaussray.prepare.calibrations.same_poses import pairs_of_one_pose
 from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.features import Keypoints, MatchingPicture
+from gaussray.prepare.full_pictures import MANY_FEATURES, full_pictures
 from gaussray.prepare.given_lens import LensesBySize
 from gaussray.prepare.mapping import estimate_poses, poses_with_given_lenses, verify
 from gaussray.prepare.masks import write_matching_masks
@@ -63,7 +64,7 @@ class Placement:
             `keypoints` count those alone.
         more_instants: `frames.instants` that would find more matches of cameras that stand still; 0
             if there are none, or no further timestamps.
-        full_pictures: files of the pictures that may have more features than are taken; none where
+        full_pictures: files of the pictures that have more features than are taken; none where
             MANY_FEATURES are.
         overlays: drawings over the pictures, whose matches were not used.
         strays: files of the pictures whose pose cannot be right (`without_strays`).
@@ -150,8 +151,8 @@ def find_poses(
     total, used = len(timeline.times), options.frames.instants
     more = min(2 * used, total) if still and total > used else 0
     taken, full = options.poses.features, frozenset[str]()
-    if taken < features.MANY_FEATURES:
-        full = features.full_pictures(work / _FEATURES, taken, _masks_in(work))
+    if taken < MANY_FEATURES:
+        full = full_pictures(work / _FEATURES, taken, _masks_in(work))
     return dataclasses.replace(
         placement,
         stride=stride,

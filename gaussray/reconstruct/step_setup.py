@@ -15,6 +15,7 @@ from gaussray.reconstruct.session import Session
 from gaussray.reconstruct.step import measure_sizes
 from gaussray.reconstruct.step_loss import StepOptions
 from gaussray.runtime.devices import from_primary
+from gaussray.tracer.alive_transients import most_alive
 from gaussray.tracer.measure import kernel_capacity
 from gaussray.tracer.options import grid_levels, on_kernel
 from gaussray.tracer.traverse import Capacity
@@ -25,8 +26,6 @@ _SEEN = 2
 # Places for transient Gaussians that are alive: as many times as many as there are at first, and at
 # least a share of the rows, but no more than so many.
 _MORE_PLACES, _SHARE_OF_ROWS, _MOST_OF_SHARE = 1.25, 0.25, 1 << 16
-# Lifetimes about its instant within which one is alive: 1 has faded below 1 / 255 after 3.3.
-_LIFETIMES = 3.4
 
 
 def step_options(session: Session, stage: str) -> StepOptions:
@@ -97,12 +96,8 @@ def _places_alive(session: Session, state: State) -> int:
     if free is None:
         return 0
     found = transients_of(take_rows(free, np.flatnonzero(occupied(free))), session.cameras.times)
-    instant, around = np.asarray(found.instant), np.asarray(found.plateau)
-    around = around + _LIFETIMES * np.asarray(found.lifetime)
-    begun = np.searchsorted(np.sort(instant - around), session.times, "right")
-    alive = begun - np.searchsorted(np.sort(instant + around), session.times, "left")
     least = min(int(_SHARE_OF_ROWS * len(free.mean)), _MOST_OF_SHARE)
-    wanted = max(int(_MORE_PLACES * np.max(alive)), least, 1)
+    wanted = max(int(_MORE_PLACES * most_alive(found, session.times)), least, 1)
     return 1 << (wanted - 1).bit_length()
 
 

@@ -3,12 +3,18 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from gaussray.scene.gaussians import Gaussians, concatenate
 from gaussray.scene.transient import Transients, squared_age
 from gaussray.tracer.motion import Motion, is_valid, merge_rest, still
 from gaussray.tracer.response import reach_radius
+
+
+# Lifetimes about its instant within which a Gaussian is alive: an opacity of 1 has faded below
+# 1 / 255 after 3.3.
+_LIFETIMES = 3.4
 
 
 class TimeWindow(eqx.Module):
@@ -107,6 +113,20 @@ def swept_box(
     slack = 4 * jnp.finfo(center.dtype).eps * (jnp.abs(center) + jnp.abs(least) + jnp.abs(most))
     half = swept.shrink[:, None] * (upper - center) + slack
     return center - half + least, center + half + most
+
+
+def most_alive(transients: Transients, times: Float[np.ndarray, " times"]) -> int:
+    """The largest number of transient Gaussians that are alive at one of some times; on the host,
+    so that nothing is compiled.
+
+    Args:
+        transients: the Gaussians.
+        times: the times, at least one, in the capture's unit.
+    """
+    instant, around = np.asarray(transients.instant), np.asarray(transients.plateau)
+    around = around + _LIFETIMES * np.asarray(transients.lifetime)
+    begun = np.searchsorted(np.sort(instant - around), times, "right")
+    return int(np.max(begun - np.searchsorted(np.sort(instant + around), times, "left")))
 
 
 class AliveTransients(eqx.Module):

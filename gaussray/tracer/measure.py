@@ -51,14 +51,8 @@ def _needed_sizes(
 
 
 @eqx.filter_jit
-def alive_count(motion: Motion, rays: Rays, options: TraceOptions) -> Int[Array, ""]:
-    """How many transient Gaussians some ray may meet.
-
-    Args:
-        motion: the scene across the times of the rays.
-        rays: the rays.
-        options: options of the tracer.
-    """
+def _alive_count(motion: Motion, rays: Rays, options: TraceOptions) -> Int[Array, ""]:
+    """How many transient Gaussians some ray may meet."""
     none = Capacity((), 0, 0)
     scene = prepare(motion, time_span(rays), options=options, capacity=none)
     return jnp.zeros((), jnp.int32) if scene.living is None else scene.living.needed
@@ -92,7 +86,7 @@ def measure(
             trial = Capacity((256 * bundles,) * levels, 512 * bundles, 1024)
     if motion.transient is not None and not trial.transient:
         # Known without a search, and all other sizes depend on it.
-        trial = replace(trial, transient=max(int(alive_count(motion, rays, options)), 1))
+        trial = replace(trial, transient=max(int(_alive_count(motion, rays, options)), 1))
     while True:
         needed, dropped = _needed_sizes(motion, rays, options=options, capacity=trial)
         needed = [int(n) for n in needed]

@@ -8,6 +8,7 @@ from gaussray.dataset.images import write_image
 from gaussray.prepare import features
 from gaussray.prepare.colmap import pycolmap, quiet_colmap
 from gaussray.prepare.features import MatchingPicture
+from gaussray.prepare.full_pictures import full_pictures
 from gaussray.prepare.merging import staying_share
 from gaussray.prepare.options import PosesOptions
 
@@ -84,7 +85,7 @@ def test_pictures_with_as_many_features_as_are_taken_are_told_from_others(tmp_pa
         with quiet_colmap():
             features.extract_features(database, tmp_path, [pictures], options)
         full = {pictures[0].file} if reached else set()
-        assert features.full_pictures(database, most) == full
+        assert full_pictures(database, most) == full
 
 
 @pytest.mark.parametrize("size", [(600, 300), (4800, 60)])
@@ -100,7 +101,7 @@ def test_a_picture_is_not_full_where_all_levels_of_scale_were_taken(tmp_path, si
             options = PosesOptions(model="pinhole", features=most)
             features.extract_features(database, tmp_path, [pictures], options)
             xy = features.read_keypoints(database, pictures)["0.png"].xy
-        return len(np.unique(xy, axis=0)), features.full_pictures(database, most)
+        return len(np.unique(xy, axis=0)), full_pictures(database, most)
 
     every, full = found(100_000)
     assert every > 200 and not full
@@ -124,4 +125,4 @@ def test_a_picture_of_which_a_mask_leaves_half_may_have_more_features(tmp_path, 
         with quiet_colmap():
             features.extract_features(database, tmp_path, [pictures], options, masks)
         full = {pictures[0].file} if reached else set()
-        assert features.full_pictures(database, most, masks) == full
+        assert full_pictures(database, most, masks) == full

@@ -158,7 +158,7 @@ def test_that_pictures_do_not_tell_which_cameras_stand_still_is_kept(tmp_path, m
     monkeypatch.setattr(poses, "_placed", lambda *_: found)
     for name in ("_extract", "_check_features"):
         monkeypatch.setattr(poses, name, lambda *_: None)
-    monkeypatch.setattr(poses.features, "full_pictures", lambda *_: frozenset())
+    monkeypatch.setattr(poses, "full_pictures", lambda *_: frozenset())
     options = PrepareOptions(poses=PosesOptions(fov=0.0 if told else 60.0))
     kept = poses.find_poses(everyone, line, {"photos": []}, None, tmp_path, options)
     assert kept.rig_untold is not told and kept.fov_given is not told

@@ -35,6 +35,7 @@ from scenes import (
 )
 
 from gaussray.scene.transient import Transients
+from gaussray.tracer.alive_transients import most_alive
 from gaussray.tracer.measure import measure
 from gaussray.tracer.motion import Motion
 from gaussray.tracer.prepare import prepare, time_span
@@ -309,6 +310,16 @@ def test_without_transients_no_size_is_reported_for_them():
     expected, _ = look(motion, lines, options=OPTIONS, capacity=CAPACITY)
     # Two programs, which may add up in another order.
     np.testing.assert_allclose(stacked(pixels), stacked(expected), rtol=0, atol=SAME)
+
+
+def test_most_alive_are_as_many_as_are_within_their_lifetimes():
+    brief, times = fleeting(500), np.linspace(-0.5, 1.5, 23)
+    away = np.abs(times[:, None] - np.asarray(brief.instant)) - np.asarray(brief.plateau)
+    shown = np.exp(-0.5 * np.square(np.maximum(away, 0) / np.asarray(brief.lifetime))) > 1 / 255
+    most = np.max(np.sum(shown, axis=1))
+    # Its bound is a little wider.
+    assert 0 < most <= most_alive(brief, times) <= 1.1 * most
+    assert most_alive(brief, times[:1]) < most / 2
 
 
 def test_the_dominant_gaussian_is_told_by_its_number_among_all():

@@ -2,7 +2,8 @@
 
 from collections.abc import Sequence
 
-from gaussray.prepare.features import MANY_FEATURES, MatchingPicture
+from gaussray.prepare.features import MatchingPicture
+from gaussray.prepare.full_pictures import MANY_FEATURES
 from gaussray.prepare.poses import Placement
 
 

@@ -19,13 +19,8 @@ from gaussray.reconstruct.simplify.tile_views import TileView
 from gaussray.runtime.devices import from_primary
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.harmonics import C0
-from gaussray.tracer.measure import (
-    HEADROOM,
-    alive_count,
-    enlarged_capacity,
-    kernel_capacity,
-    measure,
-)
+from gaussray.tracer.alive_transients import most_alive
+from gaussray.tracer.measure import HEADROOM, enlarged_capacity, kernel_capacity, measure
 from gaussray.tracer.motion import Motion, key_times_across, still
 from gaussray.tracer.options import TraceOptions, grid_levels, on_kernel
 from gaussray.tracer.shard import trace_sharded
@@ -113,18 +108,14 @@ class CandidateMeter:
 
     def _first_capacity(self, candidate: Candidate, view: TileView) -> Capacity:
         """List sizes that most likely suffice for all views: longer ones compile all again."""
-        options, dtype, keys = self.tracing.options, view.rays.time.dtype, self.tracing.keys
-        alive = 0
-        if candidate.scene.transient is not None:
-            motions = (_motion(candidate, one, keys=keys) for one in self.views)
-            counts = [
-                alive_count(motion, one.rays, options)
-                for motion, one in zip(motions, self.views, strict=True)
-            ]
-            alive = max(int(HEADROOM * max(int(count) for count in counts)), 1)
+        options, dtype = self.tracing.options, view.rays.time.dtype
+        transient, alive = candidate.scene.transient, 0
+        if transient is not None:
+            times = np.array([one.time for one in self.views])
+            alive = max(int(HEADROOM * most_alive(transient, times)), 1)
         if on_kernel(options, dtype):
             return kernel_capacity(grid_levels(options, dtype), alive)
-        motion = _motion(candidate, view, keys=keys)
+        motion = _motion(candidate, view, keys=self.tracing.keys)
         capacity = measure(motion, view.rays, options=options, headroom=_ROOM_FOR_VIEWS)
         return replace(capacity, transient=max(capacity.transient, alive))
 

@@ -6,18 +6,9 @@ import numpy as np
 import pytest
 import toy
 
-from gaussray.capture.formats.paired import read_views
-from gaussray.dataset.manifest import write_manifest
 from gaussray.render.rig import rig
 from gaussray.render.rig.placed import placed_views
 from gaussray.render.rig.trajectory import move_cameras
-
-
-@pytest.fixture(scope="module")
-def views(tmp_path_factory):
-    path = tmp_path_factory.mktemp("order") / "transforms.json"
-    write_manifest(path, toy.records())
-    return read_views(path)
 
 
 def records(views, *names, **groups):

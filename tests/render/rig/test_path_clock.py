@@ -4,18 +4,8 @@ import dataclasses
 
 import numpy as np
 import pytest
-import toy
 
-from gaussray.capture.formats.paired import read_views
-from gaussray.dataset.manifest import write_manifest
 from gaussray.render.rig import rig
-
-
-@pytest.fixture(scope="module")
-def views(tmp_path_factory):
-    path = tmp_path_factory.mktemp("clock") / "transforms.json"
-    write_manifest(path, toy.records())
-    return read_views(path)
 
 
 def ridden(views, trajectory):

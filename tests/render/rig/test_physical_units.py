@@ -11,8 +11,6 @@ import toy
 
 from gaussray.camera.camera import camera_ray
 from gaussray.camera.trajectory import pose_at
-from gaussray.capture.formats.paired import read_views
-from gaussray.dataset.manifest import write_manifest
 from gaussray.render.rig import rig
 from gaussray.render.rig.physical_units import (
     PhysicalOptions,
@@ -34,13 +32,6 @@ PORTRAIT = PhysicalOptions(
     focus_distance=2.0,
     units_per_metre=1.0,
 )
-
-
-@pytest.fixture(scope="module")
-def views(tmp_path_factory):
-    path = tmp_path_factory.mktemp("physical") / "transforms.json"
-    write_manifest(path, toy.records())
-    return read_views(path)
 
 
 def filmed(views, given):

@@ -13,7 +13,6 @@ from gaussray.camera.lens import FisheyePolynomial, KannalaBrandt, Pinhole
 from gaussray.camera.lens.registry import models_by_name
 from gaussray.camera.shutter import row_moments
 from gaussray.camera.trajectory import pose_at
-from gaussray.capture.formats.paired import read_views
 from gaussray.config.compose import compose_config
 from gaussray.config.jobs import rig_options
 from gaussray.config.options import build_options
@@ -29,13 +28,6 @@ from gaussray.render.rig.view_files import load_views
 
 
 look = jax.jit(jax.vmap(lambda lens, pixel: lens.direction(pixel), in_axes=(None, 0)))
-
-
-@pytest.fixture(scope="module")
-def views(tmp_path_factory):
-    path = tmp_path_factory.mktemp("rig") / "transforms.json"
-    write_manifest(path, toy.records())
-    return read_views(path)
 
 
 def built(views, **groups):
