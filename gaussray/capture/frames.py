@@ -121,7 +121,7 @@ def read_mask(
 def _stored_mask(path: Path | str, width: int, height: int) -> np.ndarray:
     """The values [height, width, c] of a mask, which may be stored at another size."""
     try:
-        return _mask_values(path, width, height)
+        return mask_values(path, width, height)
     except CaptureError:
         columns, rows = picture_size(path)
     apart = abs(columns * height - rows * width) > max(columns, rows, width, height)
@@ -131,14 +131,20 @@ def _stored_mask(path: Path | str, width: int, height: int) -> np.ndarray:
             f"same aspect ratio, got {columns} x {rows}. Make a mask of the whole picture, or take "
             "it away."
         )
-    values = _mask_values(path, columns, rows)
+    values = mask_values(path, columns, rows)
     row = (2 * np.arange(height) + 1) * rows // (2 * height)
     column = (2 * np.arange(width) + 1) * columns // (2 * width)
     return values[row[:, None], column]
 
 
-def _mask_values(path: Path | str, width: int, height: int) -> np.ndarray:
-    """The colours of a mask, or its alpha if that tells pixels apart."""
+def mask_values(path: Path | str, width: int, height: int) -> np.ndarray:
+    """The colours [height, width, 3] of a mask, or its alpha [..., 1] if that tells pixels apart.
+
+    Args:
+        path: file of the mask.
+        width: columns that it must have.
+        height: rows that it must have.
+    """
     values, alpha = read_with_alpha(path, width, height)
     if alpha is None or not alpha.min() < 0.5 <= alpha.max():
         return values

@@ -8,7 +8,8 @@ import numpy as np
 
 from gaussray.capture.capture import Capture, View
 from gaussray.capture.errors import CaptureError, CaptureWarning
-from gaussray.capture.picture_file import picture_size, read_with_alpha
+from gaussray.capture.frames import mask_values
+from gaussray.capture.picture_file import picture_size
 
 
 MASK_FOLDER = "masks"
@@ -74,21 +75,23 @@ def with_mask_folder(capture: Capture) -> Capture:
 
 def _other_than_masks(files: list[Path]) -> Path | None:
     """A file that is no mask, if none of some files is one; what is all black tells nothing."""
-    told = [(path, _is_mask(path)) for path in files[:: -(-len(files) // _LOOKED_AT) or 1]]
-    if any(is_mask for _, is_mask in told):
-        return None
-    return next((path for path, is_mask in told if is_mask is False), None)
+    other = None
+    for path in files[:: -(-len(files) // _LOOKED_AT) or 1]:
+        is_mask = _is_mask(path)
+        if is_mask:
+            return None
+        if is_mask is False:
+            other = other or path
+    return other
 
 
 def _is_mask(path: Path) -> bool | None:
-    """Whether nearly all pixels of a picture are black or white, or it is cut out by its alpha:
+    """Whether nearly all pixels of a picture, or of the alpha that cuts it out, are black or white:
     label maps and colours of instances are not masks. None if all are black."""
     try:
-        values, alpha = read_with_alpha(path, *picture_size(path))
+        values = mask_values(path, *picture_size(path))
     except (OSError, CaptureError):
         # Its reader tells what is wrong with it.
-        return True
-    if alpha is not None:
         return True
     step = -(-max(values.shape[:2]) // _SIDE)
     values = values[::step, ::step]

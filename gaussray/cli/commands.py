@@ -1,6 +1,5 @@
 """The commands: each builds typed options from its configuration and calls the library."""
 
-import dataclasses
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ from gaussray.cli.selected_capture import selected_capture
 from gaussray.config.compose import Configuration
 from gaussray.config.options import as_type, build_options
 from gaussray.config.run_folder import begin_run_folder
+from gaussray.io.validate import set_fields
 from gaussray.runtime.devices import DevicesOptions, start_devices
 from gaussray.runtime.lock import lock_output
 from gaussray.runtime.output import counted
@@ -48,12 +48,7 @@ def _refuse_dataset_keys(cfg: Configuration) -> None:
     from gaussray.dataset.layouts import check_imu_keys
     from gaussray.render.randomize.options import DrawOptions
 
-    dataset = build_options(DrawOptions, cfg.dataset)
-    needy = [
-        f"dataset.{field.name}"
-        for field in dataclasses.fields(dataset)
-        if getattr(dataset, field.name) != field.default
-    ]
+    needy = [f"dataset.{key}" for key in set_fields(build_options(DrawOptions, cfg.dataset))]
     if cfg.sample:
         needy.append("sample")
     if needy:

@@ -80,10 +80,8 @@ def _check_names(values: list[Any], key: str) -> None:
 
 def _numbers(values: list[Any], key: str) -> list[Any]:
     """A list whose whole numbers are floats; everything but numbers is refused."""
-    for wrong in (x for x in values if type(x) not in (int, float)):
+    for wrong in (x for x in values if type(x) not in (int, float) or math.isnan(x)):
         raise ValueError(f"{key} must be a list of numbers, got {wrong!r} in it.")
-    if any(map(math.isnan, values)):
-        raise ValueError(f"{key} must be a list of numbers, got nan in it.")
     return [float(x) if type(x) is int else x for x in values]
 
 

@@ -1,5 +1,6 @@
 """Tells which cameras, sizes, times and flow a render job has that nobody chose."""
 
+import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -8,7 +9,7 @@ from gaussray.camera.shutter import time_window
 from gaussray.capture.capture import View
 from gaussray.capture.paths import lens_of_path
 from gaussray.dataset.manifest import FrameRecord
-from gaussray.render.rig.film import visible_part
+from gaussray.render.rig.film import apply_film
 from gaussray.render.rig.rig import RigOptions, choose_views
 
 
@@ -161,14 +162,12 @@ def _note_lens_of_ride(
     first, *others = passed
     lens, film = record.camera.lens, record.camera.film
     own, other = f"the lens of {first}", "others have other kinds of lenses"
-    if all(type(passed[name].lens) is type(lens) for name in others):
+    size = dataclasses.replace(rig.film, size=(film.width, film.height))
+    lenses = [apply_film(passed[name], size).lens for name in others]
+    if all(type(one) is type(lens) for one in lenses):
         if not isinstance(lens, FocalLens):
             return
-        focal = []
-        for camera in (passed[name] for name in others):
-            whole = camera.film.width, camera.film.height
-            across = visible_part(whole, (film.width, film.height), rig.film.fit)[2]
-            focal.append(float(camera.lens.focal[0]) * film.width / across)
+        focal = [float(one.focal[0]) for one in lenses if isinstance(one, FocalLens)]
         length = float(lens.focal[0])
         if all(abs(f / length - 1) <= _OTHER_LENS for f in focal):
             return

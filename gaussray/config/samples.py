@@ -200,8 +200,7 @@ def sample_source(cfg: Configuration, overrides: Sequence[str]) -> SampleSource:
         # Pictures do not depend on it: a dataset that ran out of memory continues with less.
         del parameters["render"]["memory"]
         job = render_job(varied, read, cameras, meter=meter)
-        if line := check_layout(options.layout, job.records):
-            note(line)
+        check_layout(options.layout, job.records, note)
         parameters["aperture"] |= chosen_lengths(parameters["aperture"], job.records[0].camera)
         if options.clearance:
             space = free_space(varied.scene, varied.cameras, job.trace)

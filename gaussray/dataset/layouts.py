@@ -4,6 +4,7 @@ import dataclasses
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,10 +21,12 @@ from gaussray.dataset.sample_manifest import MANIFEST, read_frames
 from gaussray.geometry import BLENDER_AXES
 from gaussray.io.atomic import atomic_path
 from gaussray.io.safe.openimageio import oiio
+from gaussray.io.validate import set_fields
 
 
-# Frames of a sequence that the loader of Fastec-RS reads, and those of each layout with a limit.
+# Frames of a sequence that the loader of Fastec-RS reads.
 _FASTEC_FRAMES = 34
+# Most frames of a sample that a layout takes; the others take all.
 _MOST_FRAMES = {"fastec_rs": _FASTEC_FRAMES, "carla_rs": CARLA_FRAMES}
 # TUM's levels of depth per unit; 0 is none.
 _TUM_STEPS = 5000
@@ -46,26 +49,24 @@ _IMU_KEYS = {
 }
 
 
-def check_layout(layout: str, records: Sequence[FrameRecord]) -> str:
+def check_layout(layout: str, records: Sequence[FrameRecord], note: Callable[[str], Any]) -> None:
     """Check, before it is rendered, that a layout can hold a sample.
 
     Args:
         layout: one of `LAYOUT_LABELS`; empty for none.
         records: the frames of the sample.
-
-    Returns:
-        A line about frames that the layout leaves out; empty if it takes all.
+        note: gets a line about frames that the layout leaves out, if there are any.
 
     Raises:
         ValueError: The layout cannot describe the lens.
     """
     if layout == "euroc":
-        for record in records:
-            check_euroc_lens(record.camera.lens.record().keys, "dataset.layout")
+        # The files describe the lens of the first frame.
+        check_euroc_lens(records[0].camera.lens.record().keys, "dataset.layout")
     most = _MOST_FRAMES.get(layout, len(records))
-    if len(records) <= most:
-        return ""
-    return f"dataset.layout={layout} takes {most} frames of a sample; {len(records)} are rendered."
+    if len(records) > most:
+        count = len(records)
+        note(f"dataset.layout={layout} takes {most} frames of a sample; {count} are rendered.")
 
 
 def check_imu_keys(imu: ImuOptions, layout: str, key: str) -> None:
@@ -83,13 +84,13 @@ def check_imu_keys(imu: ImuOptions, layout: str, key: str) -> None:
         # The layout itself is refused where it is used.
         return
     used = _IMU_KEYS.get(layout, ())
-    for field in dataclasses.fields(imu):
-        if field.name not in used and getattr(imu, field.name) != field.default:
-            layouts = " or ".join(name for name, keys in _IMU_KEYS.items() if field.name in keys)
+    for name in set_fields(imu):
+        if name not in used:
+            layouts = " or ".join(layout for layout, keys in _IMU_KEYS.items() if name in keys)
             choice = f"with {key}={layout}" if layout else f"without {key}"
             raise ValueError(
-                f"imu.{field.name} has no effect {choice}. Choose {key}={layouts}, or leave out "
-                f"imu.{field.name}."
+                f"imu.{name} has no effect {choice}. Choose {key}={layouts}, or leave out "
+                f"imu.{name}."
             )
 
 

@@ -99,3 +99,9 @@ def check_field_types(group: str, options: Any) -> None:
 def known(*values: Any) -> bool:
     """Whether all values are numbers rather than traced placeholders or shapes."""
     return not any(isinstance(value, Tracer | jax.ShapeDtypeStruct) for value in values)
+
+
+def set_fields(options: Any) -> list[str]:
+    """Names of the fields of options that differ from their defaults."""
+    fields = dataclasses.fields(options)
+    return [field.name for field in fields if getattr(options, field.name) != field.default]

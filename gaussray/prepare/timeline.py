@@ -99,12 +99,15 @@ def common_timeline(sources: Sequence[Source], sync: Sync, options: FramesOption
             f"the videos must overlap in time, got {spans} after synchronisation. Give the right "
             "offsets as sync.offsets=[...], or sync.method=none if they start together."
         )
-    whole, begin = grid - grid[0], float(grid[0])
-    asked = {name: clock - begin for name, clock in clocks.items()}
+    whole, asked = grid - grid[0], clocks
     if options.span:
-        first, last = options.span
-        grid = grid[(whole >= first - 1e-9) & (whole <= last + 1e-9)]
-        asked = {n: c[(c >= first - 1e-9) & (c <= last + 1e-9)] for n, c in asked.items()}
+        first, last = (float(grid[0]) + seconds for seconds in options.span)
+
+        def within_span(times: np.ndarray) -> np.ndarray:
+            return times[(times >= first - 1e-9) & (times <= last + 1e-9)]
+
+        grid = within_span(grid)
+        asked = {name: within_span(clock) for name, clock in clocks.items()}
     if not len(grid):
         raise PrepareError(
             f"frames.span must lie in the common time of 0 to {whole[-1]:.2f} s, got "
@@ -112,8 +115,8 @@ def common_timeline(sources: Sequence[Source], sync: Sync, options: FramesOption
         )
     frames = {name: _nearest(clock, grid) for name, clock in clocks.items()}
     shifts = {name: clocks[name][index] - grid for name, index in frames.items()}
-    used = {name: clock - (float(grid[0]) - begin) for name, clock in asked.items()}
-    return Timeline(rate, grid - grid[0], frames, shifts, found, used)
+    asked = {name: clock - grid[0] for name, clock in asked.items()}
+    return Timeline(rate, grid - grid[0], frames, shifts, found, asked)
 
 
 def _photographs(source: Source, options: FramesOptions) -> Timeline:

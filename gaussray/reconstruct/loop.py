@@ -99,7 +99,7 @@ def run_stage(
             break
     if isinstance(plan, TimedPlan):
         needed = _minutes_for_fewest(fit.minutes, plan) if plan.seconds_of_fewest else 0.0
-        session.shared.note((_ENOUGH, stage), needed)
+        session.shared.note((_ENOUGH, stage, fit.minutes), needed)
     if sizes is not None:
         # Density control may have added rows.
         for key in (begun, sizes_key(session, stage, state)):
@@ -114,8 +114,9 @@ def _say_changed(session: Session, stage: str, plan: StepPlan, done: int) -> Non
     if plan.stopped == done:
         say(f"Held-out tiles no longer improve at step {done}: the fit ends at step {plan.steps}.")
     elif isinstance(plan, TimedPlan) and plan.seconds_of_fewest:
-        before = session.shared.known((_ENOUGH, "coarse")) if stage == "fine" else None
-        say(short_time_sentence(session.options.fit.minutes, plan, stage, before or 0.0))
+        minutes = session.options.fit.minutes
+        before = session.shared.known((_ENOUGH, "coarse", minutes)) if stage == "fine" else None
+        say(short_time_sentence(minutes, plan, stage, before or 0.0))
 
 
 def _minutes_for_fewest(minutes: float, plan: TimedPlan) -> float:

@@ -268,9 +268,10 @@ def test_depth_is_read_as_tum_does(data, tmp_path):
 def test_frames_that_a_layout_leaves_out_are_told(layout, most):
     (record,) = toy.records(toy.TIMES[:1], toy.CAMERAS[:1])
     line = f"dataset.layout={layout} takes {most} frames of a sample; {most + 1} are rendered."
-    assert check_layout(layout, [record] * (most + 1)) == line
-    assert check_layout(layout, [record] * most) == ""
-    assert check_layout("tum", [record] * 40) == check_layout("", [record] * 40) == ""
+    told = []
+    for name, count in ((layout, most + 1), (layout, most), ("tum", 40), ("", 40)):
+        check_layout(name, [record] * count, told.append)
+    assert told == [line]
 
 
 def test_depth_that_does_not_fit_is_none():

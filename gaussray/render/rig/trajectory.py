@@ -129,9 +129,8 @@ def _path(
     frames: list[tuple[str, str, Camera]], options: TrajectoryOptions, names: Sequence[str]
 ) -> tuple[Trajectory, Float[np.ndarray, " steps"]]:
     """A trajectory through the poses of all cameras or of a file, and the times of its frames."""
-    times = sorted({float(camera.time) for _, _, camera in frames})
-    first, last = times[0], times[-1]
-    last = last if first < last else first + 1
+    chosen = sorted({float(camera.time) for _, _, camera in frames})
+    first, last = chosen[0], chosen[-1] if len(chosen) > 1 else chosen[0] + 1
     if options.kind == "path":
         if not options.file:
             raise ValueError("trajectory.kind=path needs trajectory.file, a file of camera poses.")
@@ -141,9 +140,7 @@ def _path(
                 f"trajectory.clock must be one of {', '.join(CLOCKS)}, got {options.clock!r}."
             )
         if options.clock == "file":
-            _check_clock(
-                options, times, (first, max(float(camera.time) for _, _, camera in frames))
-            )
+            _check_clock(options, times, (chosen[0], chosen[-1]))
             first, last = times[0], times[-1]
         elif len(times) > 1:
             times = first + (times - times[0]) / (times[-1] - times[0]) * (last - first)
@@ -181,7 +178,7 @@ def _check_clock(
     begin, end = chosen
     outside, remedy = "", "fewer trajectory.steps"
     if last < begin or first > end:
-        outside = f"lie outside of the scene's chosen times, {begin:.7g} to {end:.7g}, and "
+        outside = f"lie outside of the chosen times, {begin:.7g} to {end:.7g}, and "
         remedy = "subtract the first time from all"
     raise ValueError(
         f"trajectory.clock=file: the times of {options.file}, {first:.12g} to {last:.12g}, "

@@ -16,11 +16,11 @@ def ridden(views, trajectory):
     ("stamps", "steps", "message", "remedy"),
     [
         # Single precision does not tell the poses apart, nor the frames between them.
-        (("1700000000.0", "1700000000.5"), 2, "to 1700000000.5, lie outside of the sc", "subtract"),
+        (("1700000000.0", "1700000000.5"), 2, "to 1700000000.5, lie outside of the ch", "subtract"),
         (
             ("1700000000", "1700000200"),
             5,
-            "lie outside of the scene's chosen times, 0 to 1",
+            "lie outside of the chosen times, 0 to 1",
             "subtract",
         ),
         (
