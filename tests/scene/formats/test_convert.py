@@ -331,7 +331,7 @@ def test_an_imported_model_is_filmed_by_the_cameras_of_a_capture(tmp_path):
     [
         (["time=1.5"], "time must be in the scene's range 0 ... 1, got 1.5"),
         (["time=-0.1"], "time must be in the scene's range 0 ... 1, got -0.1"),
-        (["time=nan"], "time must be in the scene's range 0 ... 1, got nan"),
+        (["time=nan"], "time must be a number, got nan"),
         ([], "time must be given for a scene that changes, in its range 0 ... 1"),
         (["time=soon"], "time must be a number, got 'soon'"),
         (
