@@ -25,7 +25,7 @@ from gaussray.capture.selection import Selection
 from gaussray.capture.temporal_median import differs
 from gaussray.color import psnr_from_mse
 from gaussray.dataset.images import side_by_side, srgb_levels, write_image
-from gaussray.evaluate.masks import MotionMasks, view_levels
+from gaussray.evaluate.masks import MotionMasks, levels_and_mask
 from gaussray.evaluate.metrics import psnr, ssim
 from gaussray.reconstruct.checks.failed_fit import FailedFit
 from gaussray.reconstruct.options import ReconstructOptions
@@ -77,7 +77,7 @@ def moving_pixels(masks: MotionMasks, view: View) -> np.ndarray:
     """The pixels of a view that move: those that differ from the temporal median of their camera,
     or, where it moves, from the picture in `still/`, which shows what stands still alone
     (`soft_scenes`); none where there is no such picture."""
-    levels = view_levels(view)
+    levels = levels_and_mask(view)[0]
     moving = masks.moving(view, levels)
     if moving is not None:
         return moving
@@ -85,7 +85,7 @@ def moving_pixels(masks: MotionMasks, view: View) -> np.ndarray:
     image = Path(f"{before}/still/{name}")
     if not (found and image.exists()):
         return np.zeros(levels.shape[:2], bool)
-    return differs(levels, view_levels(dataclasses.replace(view, image=image)), 255)
+    return differs(levels, levels_and_mask(dataclasses.replace(view, image=image))[0], 255)
 
 
 def nearest_cameras(capture: Capture, count: int) -> Capture:

@@ -57,14 +57,21 @@ def read_encoded(view: PictureFile) -> np.ndarray:
     return _encoded(view, stored_picture(view))
 
 
-def read_with_mask(view: View) -> tuple[np.ndarray, Bool[np.ndarray, "h w"] | None]:
+def read_with_mask(
+    view: View, *, quiet: bool = False
+) -> tuple[np.ndarray, Bool[np.ndarray, "h w"] | None]:
     """The sRGB values of a view (`read_encoded`) and its pixels that count (`visible_pixels`; None:
-    all), of one reading of its file."""
+    all), of one reading of its file.
+
+    Args:
+        view: the view.
+        quiet: whether there is no warning of alpha below 1.
+    """
     stored = stored_picture(view)
     shown = None
     if is_masked(view):
         shown = _visible(view, stored.alpha if view.background == "mask" else None)
-    return _encoded(view, stored), shown
+    return encoded_values(view, stored.values) if quiet else _encoded(view, stored), shown
 
 
 def _encoded(view: PictureFile, stored: StoredPicture) -> np.ndarray:

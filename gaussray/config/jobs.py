@@ -24,7 +24,7 @@ from gaussray.render.focus import FocusMeter
 from gaussray.render.job import RenderJob
 from gaussray.render.options import DatasetOptions, RenderOptions
 from gaussray.render.rig import physical_units as physical, rig as rigs
-from gaussray.render.rig.fitted_cameras import fitted_cameras_file, read_fitted_cameras
+from gaussray.render.rig.fitted_cameras import fitted_cameras_file
 from gaussray.render.rig.placed import placed_views
 from gaussray.render.rig.used_keys import apply_implied_choices, check_used_keys
 from gaussray.render.rig.validate import check_cameras
@@ -86,10 +86,8 @@ def render_job(
     scene = load(cfg.scene)
     views = chosen_views(cfg, scene, rig.camera, cameras)
     note_cameras(views, rig, tell)
-    of_fit = cfg.cameras is None and rig.camera.kind == "capture"
-    if noted and of_fit and not rig.film.size:
-        fitted = read_fitted_cameras(cfg.scene)
-        note_size(views, fitted.scale if fitted else 1.0, tell)
+    if cfg.cameras is None and not rig.film.size:
+        note_size(views, tell)
     in_scene_units = physical.apply_units(rig, units)
     check_used_keys(in_scene_units)
     focus_meter = meter(scene, trace)

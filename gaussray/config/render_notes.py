@@ -11,6 +11,7 @@ from gaussray.capture.paths import lens_of_path
 from gaussray.dataset.manifest import FrameRecord
 from gaussray.render.rig.film import apply_film
 from gaussray.render.rig.rig import RigOptions, choose_views
+from gaussray.runtime.output import listed_names
 
 
 # Rows of the last picture may be read after the last time: by more than this share of all times, a
@@ -48,18 +49,19 @@ def note_cameras(views: Sequence[View], rig: RigOptions, note: Callable[[str], A
         )
 
 
-def note_size(views: Sequence[View], scale: float, note: Callable[[str], Any]) -> None:
+def note_size(views: Sequence[View], note: Callable[[str], Any]) -> None:
     """Say that pictures are smaller than the capture's where the fit saw smaller ones.
 
     Args:
         views: the views to render, of the size that the fit saw.
-        scale: their sides over those of the capture (`FittedCameras.scale`).
         note: gets the line.
     """
-    if scale < 1 and views:
+    view = views[0] if views else None
+    if view is not None and view.window is not None:
         note(
-            f"Pictures are {views[0].width} x {views[0].height}, as the fit saw them ({scale:.2g} "
-            "of the capture's sides); film.size=[WIDTH,HEIGHT] sets another size."
+            f"Pictures are {view.width} x {view.height}, as the fit saw them "
+            f"({view.width / view.window.size[0]:.2g} of the capture's sides); "
+            "film.size=[WIDTH,HEIGHT] sets another size."
         )
 
 
@@ -222,16 +224,11 @@ def note_flow(
             steps.setdefault(step, []).append(record.camera_name)
         for step, names in steps.items():
             note(
-                f"{label} of the only frame of {_first_of_many(names)} leads to the capture's "
-                f"{which} frame of {owner}, {step} in time away."
+                f"{label} of the only frame of {listed_names(names, most=3)} leads to the "
+                f"capture's {which} frame of {owner}, {step} in time away."
             )
         if without:
             note(
-                f"{label} of the only frame of {_first_of_many(without)} is NaN: the capture has "
-                f"no {which} frame of {owner} within the scene's times."
+                f"{label} of the only frame of {listed_names(without, most=3)} is NaN: the capture "
+                f"has no {which} frame of {owner} within the scene's times."
             )
-
-
-def _first_of_many(names: Sequence[str]) -> str:
-    """Few names, or the first of many and how many others there are."""
-    return ", ".join(names) if len(names) < 4 else f"{names[0]} and {len(names) - 1} others"

@@ -20,6 +20,7 @@ from gaussray.io.atomic import atomic_path, remove_partial_files
 from gaussray.io.json_numbers import json_numbers
 from gaussray.io.safe.files import opened, parse_json, read_json
 from gaussray.io.safe.limits import limits, within
+from gaussray.runtime.output import listed_names
 from gaussray.runtime.provenance import git_commit
 
 
@@ -55,10 +56,9 @@ def is_complete(folder: Path, facts: Mapping[str, Any]) -> bool:
         )
     other = _changes(there, _json(facts))
     if other:
-        more = f" and {len(other) - _NAMED} more" if len(other) > _NAMED else ""
         raise ValueError(
             f"{line}: the sample that is there was made with other values of "
-            f"{', '.join(other[:_NAMED])}{more}. Choose another folder as out, or delete this one."
+            f"{listed_names(other, most=_NAMED)}. Choose another folder as out, or delete this one."
         )
     return True
 

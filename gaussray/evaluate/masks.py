@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float16, UInt8
 from gaussray.camera.camera import Camera
 from gaussray.camera.film import pixel_grid
 from gaussray.capture.capture import View, viewpoints
-from gaussray.capture.frames import read_encoded, read_with_mask
+from gaussray.capture.frames import read_with_mask
 from gaussray.capture.spread import evenly_spread
 from gaussray.capture.temporal_median import differs, temporal_median
 
@@ -25,23 +25,14 @@ _MOST = 100
 _BYTES = 1e9
 
 
-def view_levels(view: View) -> UInt8[np.ndarray, "h w 3"]:
-    """The picture of a view in 8-bit sRGB levels."""
-    return _as_levels(read_encoded(view))
-
-
 def levels_and_mask(
     view: View,
 ) -> tuple[UInt8[np.ndarray, "h w 3"], Bool[np.ndarray, "h w"] | None]:
     """The picture of a view in 8-bit sRGB levels, and its pixels that count (None: all)."""
     picture, shown = read_with_mask(view)
-    return _as_levels(picture), shown
-
-
-def _as_levels(picture: np.ndarray) -> UInt8[np.ndarray, "h w 3"]:
-    if picture.dtype == np.uint8:
-        return picture
-    return np.clip(np.round(picture * 255), 0, 255).astype(np.uint8)
+    if picture.dtype != np.uint8:
+        picture = np.clip(np.round(picture * 255), 0, 255).astype(np.uint8)
+    return picture, shown
 
 
 def visible_mask(camera: Camera) -> Bool[np.ndarray, "h w"] | None:
@@ -115,7 +106,7 @@ class MotionMasks:
 
         Args:
             view: one of the views.
-            picture: its picture (`view_levels`).
+            picture: its picture (`levels_and_mask`).
         """
         still = self._still(view)
         return None if still is None else differs(picture, still.median, 255)

@@ -10,7 +10,7 @@ from gaussray.prepare.findings.pair_distances import (
     pair_distances,
     pairs_with_enough_matches,
 )
-from gaussray.prepare.poses import Placement
+from gaussray.prepare.placement import Placement
 
 
 # Distances of pairs of pictures, in thousandths of the width.

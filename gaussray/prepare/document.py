@@ -11,7 +11,7 @@ from gaussray.capture.formats.poses import opengl_pose
 from gaussray.capture.world_origin import MAP_COORDINATE
 from gaussray.io.atomic import atomic_path
 from gaussray.prepare.masks import written_mask
-from gaussray.prepare.poses import Placement
+from gaussray.prepare.placement import Placement
 from gaussray.prepare.timeline import Timeline
 
 

@@ -7,8 +7,8 @@ from jaxtyping import Float
 
 from gaussray.capture.spread import evenly_spread
 from gaussray.geometry import epipolar_angle
+from gaussray.prepare.placement import Placement
 from gaussray.prepare.pose_math import camera_centre
-from gaussray.prepare.poses import Placement
 from gaussray.prepare.sparse_model import pixel_rays, project_points
 
 

@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from gaussray.capture.picture_file import read_levels
 from gaussray.color import srgb_decode, srgb_encode
-from gaussray.prepare.poses import Placement
+from gaussray.prepare.placement import Placement
 
 
 # Levels of 255 between which a channel tells its light: neither noise nor clipped.

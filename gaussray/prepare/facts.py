@@ -10,7 +10,7 @@ from gaussray.prepare.epipolar import EpipolarPair
 from gaussray.prepare.lens_check import corner_distortion
 from gaussray.prepare.lens_models import lens_fov
 from gaussray.prepare.placed_cameras import camera_lenses, picture_errors, picture_name
-from gaussray.prepare.poses import Placement
+from gaussray.prepare.placement import Placement
 from gaussray.prepare.sources import Source
 from gaussray.prepare.sync import Sync
 from gaussray.prepare.timeline import Timeline

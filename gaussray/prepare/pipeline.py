@@ -34,7 +34,8 @@ from gaussray.prepare.media import copy_media
 from gaussray.prepare.options import PrepareOptions
 from gaussray.prepare.overlays import overlay_reason
 from gaussray.prepare.panels.failures import panels_in_errors
-from gaussray.prepare.poses import Placement, find_poses
+from gaussray.prepare.placement import Placement
+from gaussray.prepare.poses import find_poses
 from gaussray.prepare.sources import Source, find_sources
 from gaussray.prepare.stray_poses import without_strays
 from gaussray.prepare.sync import Sync, synchronise
@@ -109,7 +110,7 @@ def prepare_capture(
         files = {name: own[:: placement.stride] for name, own in files.items()}
         placement, strays = without_strays(placement)
         # All timestamps tell how well the clocks agree.
-        clocks = sync_findings(sources, sync, timeline, options.sync)
+        clocks = sync_findings(sources, sync, timeline)
         timeline = thinned_timeline(timeline, placement.stride)
         remarks = [*remarks, *strays, *clocks]
         return _checked(sources, sync, timeline, files, placement, remarks, out, options)

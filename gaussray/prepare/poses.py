@@ -4,16 +4,13 @@ import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-from jaxtyping import Int
-
 from gaussray.capture.mask_folder import MASK_FOLDER
 from gaussray.capture.spread import evenly_spread
 from gaussray.prepare import features, merging
 from gaussray.prepare.calibrations.known_camera import KnownCamera
 from gaussray.prepare.calibrations.same_poses import pairs_of_one_pose
 from gaussray.prepare.errors import PrepareError
-from gaussray.prepare.features import Keypoints, MatchingPicture
+from gaussray.prepare.features import MatchingPicture
 from gaussray.prepare.full_pictures import MANY_FEATURES, full_pictures
 from gaussray.prepare.given_lens import LensesBySize
 from gaussray.prepare.mapping import estimate_poses, poses_with_given_lenses, verify
@@ -21,15 +18,10 @@ from gaussray.prepare.masks import write_matching_masks
 from gaussray.prepare.media import write_matching_pictures
 from gaussray.prepare.missing_poses import missing_poses_reason
 from gaussray.prepare.options import PrepareOptions
-from gaussray.prepare.overlays import (
-    PictureOverlay,
-    check_overlays,
-    overlay_reason,
-    without_overlays,
-)
+from gaussray.prepare.overlays import check_overlays, overlay_reason, without_overlays
 from gaussray.prepare.panels.failures import holds_views
+from gaussray.prepare.placement import Placement
 from gaussray.prepare.sources import Source
-from gaussray.prepare.sparse_model import SparseModel
 from gaussray.prepare.standing_cameras import (
     standing_by_options,
     standing_cameras,
@@ -46,45 +38,6 @@ from gaussray.runtime.progress import say
 _KNOWN_ERROR = 8.0
 # Database of COLMAP with the features of all pictures, beside their folders.
 _FEATURES = "features.db"
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Placement:
-    """What matching and mapping have found.
-
-    Args:
-        model: poses, lenses and points of the registered pictures.
-        pictures: camera and timestamp of every picture that was matched, by file. Of a camera that
-            stands still it is the first timestamp; `keypoints` say which feature is of which.
-        keypoints: keypoints by file.
-        matches: verified matches by pair of files.
-        still: names of the cameras that stand still.
-        known: poses and lenses come from a calibration.
-        stride: of so many timestamps one is used (`moving_stride`); timestamps of `pictures` and
-            `keypoints` count those alone.
-        more_instants: `frames.instants` that would find more matches of cameras that stand still; 0
-            if there are none, or no further timestamps.
-        full_pictures: files of the pictures that have more features than are taken; none where
-            MANY_FEATURES are.
-        overlays: drawings over the pictures, whose matches were not used.
-        strays: files of the pictures whose pose cannot be right (`without_strays`).
-        fov_given: the rough field of view is the user's (`poses.fov`).
-        rig_untold: the pictures do not tell whether any camera stands still; all are taken to move.
-    """
-
-    model: SparseModel
-    pictures: dict[str, MatchingPicture]
-    keypoints: dict[str, Keypoints]
-    matches: dict[tuple[str, str], Int[np.ndarray, "m 2"]]
-    still: frozenset[str]
-    known: bool
-    stride: int = 1
-    more_instants: int = 0
-    full_pictures: frozenset[str] = frozenset()
-    overlays: tuple[PictureOverlay, ...] = ()
-    strays: frozenset[str] = frozenset()
-    fov_given: bool = False
-    rig_untold: bool = False
 
 
 def find_poses(

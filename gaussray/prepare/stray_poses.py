@@ -9,7 +9,7 @@ from jaxtyping import Bool
 from gaussray.prepare.contradictions import SURE, contradicted_pictures, strong_pairs
 from gaussray.prepare.findings.finding import Finding
 from gaussray.prepare.findings.listed_pictures import listed_pictures
-from gaussray.prepare.poses import Placement
+from gaussray.prepare.placement import Placement
 from gaussray.prepare.sparse_model import camera_centres, kept_pictures, observations_by_picture
 from gaussray.runtime.output import counted
 

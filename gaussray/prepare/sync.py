@@ -41,8 +41,8 @@ class Sync:
         confidence: in 0..1 by camera, of the best comparison with another one.
         disagreement: largest difference in seconds between a pair's delay and the offsets, by
             camera, over the comparisons that were used.
-        assumed: videos that no trusted comparison links with the first camera, and which are taken
-            to start with it.
+        assumed: videos without a trusted offset, by whatever they were compared with: they are
+            taken to start with the first camera.
     """
 
     method: str
@@ -119,7 +119,7 @@ def solve_offsets(
         count: number of videos.
         pairs: (i, j, delay) of compared videos: clock j plus the delay is clock i.
         trust: least confidence of a delay that is used; videos that no such pair links with the
-            reference have offset NaN.
+            reference, and a reference that none links with another video, have offset NaN.
         reference: video whose offset is 0.
     """
     used = [pair for pair in pairs if pair[2].confidence >= trust]
@@ -141,8 +141,7 @@ def solve_offsets(
         weight = base / np.sqrt(1 + (residual / _CAUCHY) ** 2)
     for k, (i, j, _) in enumerate(used):
         worst[[i, j]] = np.maximum(worst[[i, j]], abs(residual[k]))
-    inside = sorted(linked)
-    offsets[inside] = found[inside]
+        offsets[[i, j]] = found[[i, j]]
     return Estimate(offsets, best, worst)
 
 

@@ -10,7 +10,8 @@ import numpy as np
 from gaussray.camera.camera import Camera
 from gaussray.camera.shutter import time_window
 from gaussray.capture.capture import Capture, View
-from gaussray.capture.picture_file import read_stored
+from gaussray.capture.frames import read_image
+from gaussray.capture.picture_file import read_levels
 from gaussray.capture.spread import evenly_spread
 from gaussray.dataset.images import srgb_levels
 from gaussray.evaluate.masks import levels_and_mask
@@ -175,13 +176,6 @@ def screen_levels(path: Path, width: int, height: int) -> np.ndarray:
         width: columns that the file must have.
         height: rows that the file must have.
     """
-    stored = read_stored(path, width, height)
-    return srgb_levels(stored) if path.suffix == ".exr" else _as_levels(stored)
-
-
-def _as_levels(picture: np.ndarray) -> np.ndarray:
-    if picture.dtype == np.uint8:
-        return picture
-    if picture.dtype == np.uint16:
-        picture = picture / 65535
-    return np.clip(np.round(picture * 255), 0, 255).astype(np.uint8)
+    if path.suffix == ".exr":
+        return srgb_levels(read_image(path, width, height))
+    return read_levels(path, width, height)

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from typing import Any
 
 
-# Names and ranges that are told, at most; and fewest neighbours that make a range.
-_TOLD, _RANGE = 8, 3
+# Fewest neighbours that make a range.
+_RANGE = 3
 
 
 def emit(text: str, stream: Any) -> None:
@@ -37,12 +37,13 @@ def first_of(names: Sequence[str], most: int = 3) -> str:
     return ", ".join(names[:most]) + " ..." * (len(names) > most)
 
 
-def listed_names(names: Sequence[str], everyone: Sequence[str] = ()) -> str:
+def listed_names(names: Sequence[str], everyone: Sequence[str] = (), most: int = 8) -> str:
     """Names as in `a1 to a5, b2 and 7 others`.
 
     Args:
         names: those that are told, in order.
         everyone: all names in order, in which neighbours follow each other; none makes no ranges.
+        most: how many names and ranges are told.
     """
     place = {name: k for k, name in enumerate(everyone)}
     runs: list[list[str]] = []
@@ -54,8 +55,8 @@ def listed_names(names: Sequence[str], everyone: Sequence[str] = ()) -> str:
     parts = [
         part for run in runs for part in ([run] if len(run) >= _RANGE else [[name] for name in run])
     ]
-    told = [part[0] if len(part) == 1 else f"{part[0]} to {part[-1]}" for part in parts[:_TOLD]]
-    left = sum(map(len, parts[_TOLD:]))
+    told = [part[0] if len(part) == 1 else f"{part[0]} to {part[-1]}" for part in parts[:most]]
+    left = sum(map(len, parts[most:]))
     more = f" and {left} other{'s' * (left > 1)}" if left else ""
     return ", ".join(told) + more
 

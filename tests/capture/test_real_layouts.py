@@ -22,7 +22,7 @@ from gaussray.capture.same_size import same_size
 from gaussray.capture.selection import Selection, selected
 from gaussray.capture.view_file import check_images
 from gaussray.dataset.images import write_image
-from gaussray.evaluate.masks import MotionMasks, view_levels
+from gaussray.evaluate.masks import MotionMasks, levels_and_mask
 from gaussray.reconstruct.data.motion_mask import activity
 from gaussray.reconstruct.data.pictures import footage
 
@@ -133,7 +133,7 @@ def test_no_temporal_median_is_taken_over_frames_of_a_moving_camera(tmp_path):
     found = activity(pictures)
     assert found.background.shape[0] == 8 and not found.moved.any()
     moving = MotionMasks(views)
-    assert all(moving.moving(view, view_levels(view)) is None for view in views)
+    assert all(moving.moving(view, levels_and_mask(view)[0]) is None for view in views)
 
 
 def test_a_fixed_camera_still_tells_what_moves(tmp_path):
@@ -142,7 +142,7 @@ def test_a_fixed_camera_still_tells_what_moves(tmp_path):
     assert viewpoints(views) == [0, 0, 0]
     assert activity(footage(views, side=8)).moved.any()
     moving = MotionMasks(views)
-    assert [moving.moving(view, view_levels(view)).shape for view in views] == [(H, W)] * 3
+    assert [moving.moving(view, levels_and_mask(view)[0]).shape for view in views] == [(H, W)] * 3
 
 
 def test_a_recorded_trajectory_is_another_viewpoint_at_another_time(tmp_path):

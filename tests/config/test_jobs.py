@@ -6,18 +6,18 @@ import toy
 
 from gaussray.config.compose import compose_config
 from gaussray.config.jobs import render_job
-from gaussray.dataset.manifest import write_manifest
+from gaussray.dataset.manifest import FIT_SCALE, write_manifest
 from gaussray.render.rig.view_files import load_views
 from gaussray.scene.store import save_scene
 
 
-def notes(folder, split, *overrides, about="held out", times=toy.TIMES):
+def notes(folder, split, *overrides, about="held out", times=toy.TIMES, scale=1.0):
     """The lines that a job gives about the cameras of a run with this split in place of others."""
     save_scene(folder / "scene.npz", toy.scene())
     listed = toy.records(times)
     if split:
         listed = [dataclasses.replace(record, split=split) for record in listed]
-    write_manifest(folder / "cameras.json", listed)
+    write_manifest(folder / "cameras.json", listed, extra={"info": {FIT_SCALE: scale}})
     said = []
     cfg = compose_config("render", [f"scene={folder}", f"out={folder}/out", *overrides])
     render_job(cfg, lambda _: toy.scene(), load_views, said.append)
@@ -38,6 +38,15 @@ def test_chosen_or_held_out_cameras_need_no_word(tmp_path):
     assert not notes(tmp_path, "train", f"camera.names=[{toy.CAMERAS[0]}]")
     assert not notes(tmp_path, "train", "camera.split=train")
     assert not notes(tmp_path, "train", "camera=orbit")
+
+
+def test_pictures_as_small_as_the_fit_saw_them_are_told(tmp_path):
+    about = "as the fit saw them"
+    (line,) = notes(tmp_path, None, about=about, scale=0.5)
+    assert line.startswith("Pictures are 8 x 8, as the fit saw them (0.5 of the capture's sides);")
+    assert not notes(tmp_path, None, "film.size=[12,12]", about=about, scale=0.5)
+    assert not notes(tmp_path, None, "camera=orbit", about=about, scale=0.5)
+    assert not notes(tmp_path, None, about=about)
 
 
 def test_pictures_far_outside_of_the_scenes_times_are_told(tmp_path):

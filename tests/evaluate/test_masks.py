@@ -11,7 +11,7 @@ import pytest
 from gaussray.capture.open import open_capture
 from gaussray.dataset.images import write_image
 from gaussray.evaluate import masks
-from gaussray.evaluate.masks import MotionMasks, view_levels
+from gaussray.evaluate.masks import MotionMasks, levels_and_mask
 
 
 W, H, COUNT = 9, 6, 7
@@ -56,7 +56,7 @@ def test_what_differs_from_the_median_of_its_viewpoint_moves(tmp_path):
         moves = np.array([far(picture, median) for picture in levels])
         assert moves.any() and not moves.all(axis=0).any()
         for view, expected in zip(own, moves, strict=True):
-            np.testing.assert_array_equal(pixels.moving(view, view_levels(view)), expected)
+            np.testing.assert_array_equal(pixels.moving(view, levels_and_mask(view)[0]), expected)
             np.testing.assert_array_equal(pixels.static(view), ~moves.any(axis=0))
 
 
@@ -105,7 +105,7 @@ def test_what_a_mask_hides_tells_nothing_of_what_moves(tmp_path):
     pixels = MotionMasks(views)
     for t, view in enumerate(views):
         np.testing.assert_array_equal(
-            pixels.moving(view, view_levels(view)) & ~hidden[t], far(shown[t], median)
+            pixels.moving(view, levels_and_mask(view)[0]) & ~hidden[t], far(shown[t], median)
         )
     moves = np.array([far(picture, median) for picture in shown])
     np.testing.assert_array_equal(pixels.static(views[0]), ~moves.any(axis=0))

@@ -9,7 +9,7 @@ from gaussray.prepare import contradictions
 from gaussray.prepare.contradictions import DOUBTFUL, SURE, contradicted_pictures, strong_pairs
 from gaussray.prepare.features import MatchingPicture
 from gaussray.prepare.findings.pair_distances import PairDistance
-from gaussray.prepare.poses import Placement
+from gaussray.prepare.placement import Placement
 from gaussray.prepare.sparse_model import Observations, SparseModel
 
 

@@ -12,7 +12,7 @@ from gaussray.prepare.exposure import (
     observed_levels,
 )
 from gaussray.prepare.features import Keypoints, MatchingPicture
-from gaussray.prepare.poses import Placement
+from gaussray.prepare.placement import Placement
 from gaussray.prepare.sparse_model import Observations, SparseModel
 
 

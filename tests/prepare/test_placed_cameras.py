@@ -10,7 +10,7 @@ from gaussray.prepare.placed_cameras import (
     picture_errors,
     picture_name,
 )
-from gaussray.prepare.poses import Placement
+from gaussray.prepare.placement import Placement
 from gaussray.prepare.sparse_model import Observations, SparseModel
 
 

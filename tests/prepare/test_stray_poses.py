@@ -12,7 +12,7 @@ from gaussray.prepare.features import Keypoints, MatchingPicture
 from gaussray.prepare.findings.cameras import camera_findings
 from gaussray.prepare.findings.points import point_findings
 from gaussray.prepare.options import FramesOptions, PosesOptions, PrepareOptions
-from gaussray.prepare.poses import Placement
+from gaussray.prepare.placement import Placement
 from gaussray.prepare.sources import Source
 from gaussray.prepare.sparse_model import Observations, SparseModel, camera_centres
 from gaussray.prepare.stray_poses import without_strays
@@ -140,7 +140,9 @@ def test_doubt_about_motion_comes_first(tmp_path, monkeypatch):
     for k in range(6):
         levels = np.random.default_rng(k).integers(0, 256, (48, 64, 3), np.uint8)
         write_image(tmp_path / "photos" / f"IMG_{k}.png", levels)
-    facts = pipeline.prepare_capture(tmp_path / "photos", tmp_path / "out")
+    # Photographs without a time are taken to be of a camera that moves.
+    frames = PrepareOptions(frames=FramesOptions(rate=10.0))
+    facts = pipeline.prepare_capture(tmp_path / "photos", tmp_path / "out", options=frames)
     first, second = facts["findings"][:2]
     assert "the motion that was estimated is doubtful" in first["text"]
     assert second["text"].startswith("1 of 6 poses cannot be right")

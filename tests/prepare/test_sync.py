@@ -49,6 +49,9 @@ def test_offsets_are_exact_if_pairs_agree_and_one_lies():
 def test_a_camera_that_no_trusted_pair_links_is_unknown():
     found = solve_offsets(3, [(0, 1, Delay(1.0, 0.9)), (1, 2, Delay(3.0, 0.1))], 0.3)
     assert found.offsets[1] == pytest.approx(1.0) and np.isnan(found.offsets[2])
+    # Whatever is known of the others, the first one cannot be compared with them.
+    alone = solve_offsets(3, [(0, 1, Delay(1.0, 0.1)), (1, 2, Delay(3.0, 0.9))], 0.3)
+    assert np.isnan(alone.offsets).all()
 
 
 def test_videos_that_sound_does_not_link_are_placed_by_motion():

@@ -9,7 +9,7 @@ import pytest
 from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.findings.clocks import sync_findings
 from gaussray.prepare.findings.numbered_frames import numbered_frames_findings
-from gaussray.prepare.options import FramesOptions, SyncOptions
+from gaussray.prepare.options import FramesOptions
 from gaussray.prepare.sources import Source
 from gaussray.prepare.sync import Sync
 from gaussray.prepare.timeline import (
@@ -82,7 +82,7 @@ def test_of_a_long_video_that_is_alone_each_kth_frame_is_used(count, span, used)
     both = common_timeline([video(n, 30, count) for n in "ab"], sync(a=0.0, b=0.0), FramesOptions())
     assert len(every.times) == len(both.times) == count
     # That is no reason to doubt it.
-    found = sync_findings([video("a", 30, count)], sync(a=0.0), line, SyncOptions())
+    found = sync_findings([video("a", 30, count)], sync(a=0.0), line)
     assert not any(one.level == "warn" for one in found)
 
 

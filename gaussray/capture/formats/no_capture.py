@@ -21,6 +21,7 @@ from gaussray.capture.formats.transforms import PINHOLE_FILE, json_if_readable
 from gaussray.capture.formats.tum import tum_near_miss
 from gaussray.capture.side_folders import holds_other_maps
 from gaussray.io.safe.files import opened
+from gaussray.runtime.output import first_of
 
 
 _DATA = (".json", ".txt", ".npy", ".npz", ".xml", ".csv", ".yml", ".yaml", ".toml", ".bin")
@@ -245,10 +246,9 @@ def _pictures_without_poses(folder: Path) -> str:
         return ""
     if not data:
         return f"it holds videos or pictures without poses: {_new_poses(media)}."
-    more = " ..." if len(data) > _NAMED else ""
     return (
         f"{_new_poses(media)}, or takes those of a calibration (poses.calibration=FILE). What it "
-        f"holds beside pictures ({', '.join(data[:_NAMED])}{more}) is of no format that is read; "
+        f"holds beside pictures ({first_of(data, _NAMED)}) is of no format that is read; "
         "docs/captures.md lists these. For matrices of your own, see "
         "docs/captures.md#poses-of-your-own."
     )

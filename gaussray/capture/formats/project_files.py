@@ -8,10 +8,11 @@ from pathlib import Path
 from gaussray.capture.formats.json_keys import Keys
 from gaussray.capture.formats.transforms import json_if_readable
 from gaussray.io.safe.files import opened
+from gaussray.runtime.output import first_of
 
 
-# Bytes at the start of a file that tell what it is; files that a message names.
-_HEAD, _NAMED = 100_000, 3
+# Bytes at the start of a file that tell what it is.
+_HEAD = 100_000
 
 
 def head_of(path: Path) -> bytes:
@@ -72,8 +73,7 @@ def warn_of_projects(top: Keys, paths: Sequence[Path]) -> None:
     """
     others = [str(path) for path in paths if path != top.file]
     if others:
-        shown = ", ".join(others[:_NAMED]) + (" ..." if len(others) > _NAMED else "")
         top.warn(
-            f"of {len(paths)} projects this one is read, and {shown} is not. Move it away to read "
-            "another."
+            f"of {len(paths)} projects this one is read, and {first_of(others)} is not. Move it "
+            "away to read another."
         )

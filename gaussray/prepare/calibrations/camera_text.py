@@ -19,6 +19,7 @@ from gaussray.prepare.calibrations.dlt_columns import (
     names_apart,
     refuse_square_table,
 )
+from gaussray.prepare.calibrations.known_camera import check_distinct_names
 from gaussray.prepare.calibrations.projections import dlt_projection
 from gaussray.prepare.calibrations.text_lines import NumberedLines, line_numbers, numbered_lines
 from gaussray.prepare.calibrations.value_names import DLT_KEY
@@ -94,7 +95,7 @@ def text_cameras(path: Path) -> TextCameras:
     columns = dlt_columns(lines)
     if columns is not None:
         names = columns.names or [str(k) for k in range(len(columns.coefficients))]
-        _check_names(path, names)
+        check_distinct_names(path, names)
         values = [{DLT_KEY: dlt_projection(numbers)} for numbers in columns.coefficients]
         in_order = columns.names is None and len(names) > 1
         return TextCameras(dict(zip(names, values, strict=True)), in_order)
@@ -112,7 +113,7 @@ def text_cameras(path: Path) -> TextCameras:
         else:
             unnamed += 1
         values, count = _block(path, lines, place)
-        _check_names(path, [*result, name])
+        check_distinct_names(path, [*result, name])
         result[name] = values
         place += count
     if unnamed not in (0, len(result)):
@@ -121,15 +122,6 @@ def text_cameras(path: Path) -> TextCameras:
             f"{', '.join(result)[:200]}. Add the names."
         )
     return TextCameras(result)
-
-
-def _check_names(path: Path, names: list[str]) -> None:
-    """Refuse two cameras of one name."""
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise PrepareError(
-            f"{path}: each camera must have a name of its own, got {twice[:80]} twice. Change one."
-        )
 
 
 def _block(path: Path, lines: NumberedLines, place: int) -> tuple[dict[str, Any], int]:

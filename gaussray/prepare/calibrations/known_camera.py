@@ -2,7 +2,7 @@
 
 import dataclasses
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -207,3 +207,20 @@ def check_name(where: Path, name: object) -> str:
             f"{where}: a camera must have a name of 1 to 200 letters, got {text[:80]!r}. Rename it."
         )
     return text
+
+
+def check_distinct_names(path: Path, names: Sequence[str]) -> None:
+    """Check that no two cameras have one name.
+
+    Args:
+        path: the file that has them, for the message.
+        names: their names.
+
+    Raises:
+        PrepareError: Two have one name.
+    """
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise PrepareError(
+            f"{path}: each camera must have a name of its own, got {twice[:80]} twice. Change one."
+        )

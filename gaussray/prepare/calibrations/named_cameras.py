@@ -6,6 +6,7 @@ from typing import Any
 
 from gaussray.prepare.calibrations.camera_values import has_matrix, plain_camera, plain_cameras
 from gaussray.prepare.calibrations.common_values import common_values, with_common
+from gaussray.prepare.calibrations.known_camera import check_distinct_names
 from gaussray.prepare.calibrations.value_names import VALUE_NAMES, plain_key
 from gaussray.prepare.errors import PrepareError
 
@@ -86,7 +87,7 @@ def _listed(path: Path, content: Any) -> dict[str, dict[str, Any]]:
         }
     )
     blocks = {number: camera for number, camera in found.items() if has_matrix(camera)}
-    result: dict[str, dict[str, Any]] = {}
+    named = []
     for number, one in blocks.items():
         name = _said_name(one)
         if name is None and len(blocks) > 1:
@@ -94,13 +95,9 @@ def _listed(path: Path, content: Any) -> dict[str, dict[str, Any]]:
                 f"{path}: camera {number} of the list must have a name "
                 f"({', '.join(CAMERA_NAME_KEYS)}), got none. Give each the name of its video."
             )
-        name = number if name is None else name
-        if name in result:
-            raise PrepareError(
-                f"{path}: each camera must have a name of its own, got {name} twice. Change one."
-            )
-        result[name] = one
-    return result
+        named.append((number if name is None else name, one))
+    check_distinct_names(path, [name for name, _ in named])
+    return dict(named)
 
 
 def _by_value(path: Path, content: Any) -> dict[str, dict[str, Any]]:

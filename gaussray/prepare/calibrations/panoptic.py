@@ -8,6 +8,7 @@ import numpy as np
 from gaussray.capture.formats.json_keys import Keys
 from gaussray.prepare.calibrations.known_camera import (
     KnownCamera,
+    check_distinct_names,
     check_name,
     opencv_camera,
     refuse_distortion,
@@ -51,12 +52,7 @@ def panoptic_cameras(path: Path, content: dict[str, Any]) -> list[KnownCamera]:
             name.
     """
     cameras = [_camera(path, k, camera) for k, camera in enumerate(content["cameras"])]
-    names = [camera.name for camera in cameras]
-    if len(set(names)) < len(names):
-        twice = next(name for name in names if names.count(name) > 1)
-        raise PrepareError(
-            f"{path}: each camera must have a name of its own, got {twice} twice. Change one."
-        )
+    check_distinct_names(path, [camera.name for camera in cameras])
     return cameras
 
 

@@ -11,6 +11,7 @@ from gaussray.io.safe.files import read_text
 from gaussray.prepare.calibrations.known_camera import (
     Calibration,
     KnownCamera,
+    check_distinct_names,
     check_name,
     opencv_camera,
 )
@@ -66,13 +67,9 @@ def _tables(path: Path, content: dict[str, Any]) -> dict[str, dict[str, Any]]:
         tables = {name: table for name, table in named.items() if isinstance(table, dict)}
     else:
         found = {k: v for k, v in content.items() if isinstance(v, dict) and "matrix" in v}
-        tables = {str(table.get("name", key)): table for key, table in found.items()}
-        if len(tables) < len(found):
-            twice = ", ".join(str(table.get("name", key)) for key, table in found.items())
-            raise PrepareError(
-                f"{path}: each camera must have a name of its own, got {twice[:200]}. Change the "
-                "name in one of the tables."
-            )
+        names = [str(table.get("name", key)) for key, table in found.items()]
+        check_distinct_names(path, names)
+        tables = dict(zip(names, found.values(), strict=True))
     return {check_name(path, name): table for name, table in tables.items()}
 
 

@@ -15,8 +15,8 @@ from gaussray.prepare.findings.pair_distances import (
 )
 from gaussray.prepare.lens_models import LensKeyValues
 from gaussray.prepare.placed_cameras import picture_name
+from gaussray.prepare.placement import Placement
 from gaussray.prepare.pose_math import inverse_pose
-from gaussray.prepare.poses import Placement
 from gaussray.prepare.sparse_model import SparseModel
 
 

@@ -6,10 +6,10 @@ from gaussray.prepare.findings.doubtful_motion import standing_advice
 from gaussray.prepare.findings.finding import Finding
 from gaussray.prepare.findings.lens_advice import lens_advice
 from gaussray.prepare.findings.listed_pictures import listed_pictures
-from gaussray.prepare.findings.more_matches import finds_more_matches, more_matches
+from gaussray.prepare.findings.more_matches import more_matches
 from gaussray.prepare.findings.untested_poses import untested_pictures
 from gaussray.prepare.placed_cameras import neighbour_angles
-from gaussray.prepare.poses import Placement
+from gaussray.prepare.placement import Placement
 from gaussray.runtime.output import listed_names
 
 
@@ -28,11 +28,13 @@ def camera_findings(placement: Placement) -> list[Finding]:
         for file, picture in placement.pictures.items()
         if file not in model.pictures and file not in placement.strays
     ]
-    finds = finds_more_matches(more_matches(placement, missing))
-    remedy = (
-        "Add cameras between their neighbours, or pictures with more texture; "
-        f"{finds}{'; ' if finds else ''}{lens_advice(placement)}; or give a calibration."
-    )
+    ways = [
+        "Add cameras between their neighbours, or pictures with more texture",
+        *(f"for more matches, {one}" for one in more_matches(placement, missing)),
+        lens_advice(placement),
+        "or give a calibration.",
+    ]
+    remedy = "; ".join(ways)
     if found < max(2, REGISTERED * total):
         right = " that can be right" if placement.strays else ""
         text = f"only {found} of {total} pictures have a pose{right}"

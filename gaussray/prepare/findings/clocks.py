@@ -5,28 +5,22 @@ from collections.abc import Sequence
 from gaussray.prepare.findings.common_time import common_time_findings
 from gaussray.prepare.findings.finding import Finding
 from gaussray.prepare.findings.numbered_frames import numbered_frames_findings
-from gaussray.prepare.options import SyncOptions
 from gaussray.prepare.sources import Source
 from gaussray.prepare.sync import Sync
 from gaussray.prepare.timeline import Timeline, of_one_rate, resampled
 
 
-def sync_findings(
-    sources: Sequence[Source], sync: Sync, timeline: Timeline, options: SyncOptions
-) -> list[Finding]:
+def sync_findings(sources: Sequence[Source], sync: Sync, timeline: Timeline) -> list[Finding]:
     """Confidence of the offsets, rates that differ, and pictures that are not used.
 
     Args:
         sources: cameras of the input.
         sync: offsets of their clocks, with confidence and disagreement.
         timeline: rate of the timestamps; disagreements above half a frame are reported.
-        options: the confidence from which on an offset is trusted.
     """
     findings = []
     videos = [source.name for source in sources if source.is_video]
-    weak = [
-        name for name in videos if sync.confidence[name] < options.trust or name in sync.assumed
-    ]
+    weak = [name for name in videos if name in sync.assumed]
     if sync.method not in ("none", "known") and len(videos) > 1:
         by = f"by {sync.method}, confidence {min(sync.confidence[n] for n in videos):.2f} or more"
         if not weak:

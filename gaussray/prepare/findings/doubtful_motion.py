@@ -5,7 +5,7 @@ import numpy as np
 from gaussray.prepare.findings.finding import Finding
 from gaussray.prepare.findings.points import OBSERVATIONS
 from gaussray.prepare.overlays import at_same_place
-from gaussray.prepare.poses import Placement
+from gaussray.prepare.placement import Placement
 from gaussray.prepare.sparse_model import observations_by_picture
 from gaussray.runtime.output import first_of
 

@@ -22,7 +22,7 @@ from gaussray.prepare.findings.pair_distances import (
     pairs_with_enough_matches,
 )
 from gaussray.prepare.placed_cameras import picture_name
-from gaussray.prepare.poses import Placement
+from gaussray.prepare.placement import Placement
 
 
 # Pixels, for each 1000 pixels of width, above which epipolar errors are doubtful or, with known

@@ -1,6 +1,6 @@
 """What to do about a lens that may be wrong, by what the user has said of it."""
 
-from gaussray.prepare.poses import Placement
+from gaussray.prepare.placement import Placement
 
 
 def lens_advice(placement: Placement) -> str:

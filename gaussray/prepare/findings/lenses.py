@@ -7,7 +7,7 @@ from gaussray.prepare.findings.lens_advice import lens_advice
 from gaussray.prepare.lens_check import is_unreadable, lens_complaint
 from gaussray.prepare.lens_models import lens_fov
 from gaussray.prepare.placed_cameras import camera_lenses
-from gaussray.prepare.poses import Placement
+from gaussray.prepare.placement import Placement
 from gaussray.runtime.output import listed_names
 
 
@@ -65,10 +65,7 @@ def lens_findings(placement: Placement) -> list[Finding]:
             "the pictures do not tell the focal length: one 20 % shorter or longer explains them "
             f"as well; {across} degrees across the width are a guess"
         )
-        clause = lens_advice(placement)
-        # Not `capitalize`, which lowers the rest. Keys stay as they are.
-        remedy = f"{clause[0].upper() + clause[1:] if placement.fov_given else clause}."
-        findings.append(Finding("warn", "lens", text, remedy))
+        findings.append(Finding("warn", "lens", text, f"Better: {lens_advice(placement)}."))
     if not findings:
         text = f"horizontal fields of view of {across} degrees"
         if placement.model.focal_source == "expected":

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from gaussray.prepare.features import MatchingPicture
 from gaussray.prepare.placed_cameras import picture_name
-from gaussray.prepare.poses import Placement
+from gaussray.prepare.placement import Placement
 from gaussray.runtime.output import listed_names
 
 

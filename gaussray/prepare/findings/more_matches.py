@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from gaussray.prepare.features import MatchingPicture
 from gaussray.prepare.full_pictures import MANY_FEATURES
-from gaussray.prepare.poses import Placement
+from gaussray.prepare.placement import Placement
 
 
 # Pixels below which wider pictures would have clearly more features.
@@ -29,11 +29,3 @@ def more_matches(placement: Placement, pictures: Sequence[MatchingPicture]) -> l
     if placement.more_instants and any(p.camera in placement.still for p in pictures):
         found.append(f"frames.instants={placement.more_instants}")
     return found
-
-
-def finds_more_matches(more: Sequence[str]) -> str:
-    """That these find more matches (`more_matches`), a clause; empty of none."""
-    if not more:
-        return ""
-    one_key = len(more) == 1 and "=" in more[0]
-    return f"{' and '.join(more)} {'finds' if one_key else 'find'} more matches"

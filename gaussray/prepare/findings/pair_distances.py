@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gaussray.prepare.epipolar import epipolar_distance
-from gaussray.prepare.poses import Placement
+from gaussray.prepare.placement import Placement
 
 
 # Fewest matches of a pair that count: wide baselines give some twenty that are all wrong.

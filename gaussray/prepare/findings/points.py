@@ -6,7 +6,7 @@ from gaussray.prepare.findings.finding import Finding
 from gaussray.prepare.findings.listed_pictures import listed_pictures
 from gaussray.prepare.findings.more_matches import more_matches
 from gaussray.prepare.findings.untested_poses import untested_pictures
-from gaussray.prepare.poses import Placement
+from gaussray.prepare.placement import Placement
 from gaussray.prepare.sparse_model import observations_by_picture
 
 
@@ -46,20 +46,20 @@ def point_findings(placement: Placement) -> list[Finding]:
     if untested:
         names = listed_pictures(untested, placement)
         text = f"{names}: no match with any other camera; nothing tests the pose"
-        more = ", ".join(more_matches(placement, untested))
+        more = ", ".join(["more texture", *more_matches(placement, untested)])
         remedy = (
             "Compare the pictures with those that gaussray evaluate renders from the same place. "
-            f"Matches: cameras closer to each other, more texture{'; ' if more else ''}{more}."
+            f"For matches: cameras closer to each other, {more}."
         )
         findings.append(Finding("warn", "points", text, remedy))
     if weak:
         names = listed_pictures(weak, placement)
         text = f"{names}: fewer than {fewest} observations"
-        more = ", ".join(more_matches(placement, weak))
-        remedy = f"Cameras closer to each other, more texture{'; ' if more else ''}{more}."
+        more = ", ".join(["more texture", *more_matches(placement, weak)])
+        remedy = f"For more points: cameras closer to each other, {more}."
         if placement.known:
             text += "; few points to check the pose with"
-            remedy = f"Look at the epipolar lines. More points: {remedy[0].lower()}{remedy[1:]}"
+            remedy = f"Look at the epipolar lines. {remedy}"
         else:
             text += "; the pose is weak"
         findings.append(Finding("warn", "points", text, remedy))

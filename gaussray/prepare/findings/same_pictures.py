@@ -13,7 +13,7 @@ from gaussray.prepare.findings.finding import Finding
 from gaussray.prepare.findings.pair_distances import EVIDENCE
 from gaussray.prepare.low_resolution import details_differ, low_details
 from gaussray.prepare.overlays import WITHOUT_IT, at_same_place, drawn_over_both, overlays_text
-from gaussray.prepare.poses import Placement
+from gaussray.prepare.placement import Placement
 
 
 # Such a share of the matches of the same pictures is at the same place in both. (Those of a stereo

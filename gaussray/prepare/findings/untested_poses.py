@@ -1,7 +1,7 @@
 """Known poses that nothing tests: of cameras without a match."""
 
 from gaussray.prepare.features import MatchingPicture
-from gaussray.prepare.poses import Placement
+from gaussray.prepare.placement import Placement
 from gaussray.prepare.sparse_model import observations_by_picture
 
 

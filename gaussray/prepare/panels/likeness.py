@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, UInt8
-from scipy.ndimage import gaussian_filter1d
+from scipy.ndimage import gaussian_filter
 
 from gaussray.prepare.panels.layout import PanelLayout
 
@@ -88,10 +88,7 @@ def _is_repeated(
 def _details(
     panel: Float[np.ndarray, "rows columns"], axes: tuple[int, ...]
 ) -> Float[np.ndarray, "rows columns"]:
-    blurred = panel
-    for axis in axes:
-        blurred = gaussian_filter1d(blurred, _BLUR, axis=axis)
-    return panel - blurred
+    return panel - gaussian_filter(panel, _BLUR, axes=axes)
 
 
 def _correlation(

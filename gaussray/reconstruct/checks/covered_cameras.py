@@ -10,14 +10,10 @@ from jaxtyping import Float
 
 from gaussray.capture.capture import Capture, View
 from gaussray.capture.errors import CaptureWarning
-from gaussray.capture.frames import (
-    encoded_values,
-    is_masked,
-    stored_picture,
-    visible_pixels,
-)
+from gaussray.capture.frames import read_with_mask
 from gaussray.capture.spread import evenly_spread
 from gaussray.reconstruct.data.backdrop import BackdropColor, surrounds
+from gaussray.runtime.output import listed_names
 from gaussray.runtime.progress import Progress
 
 
@@ -64,9 +60,8 @@ def without_covered_cameras(capture: Capture, *, quiet: bool = True) -> Capture:
     covered = sorted(name for name, color in plain.items() if not surrounds(border, color))
     if not covered:
         return capture
-    more = f" and {len(covered) - _NAMED} more" if len(covered) > _NAMED else ""
     warnings.warn(
-        f"the pictures of {', '.join(covered[:_NAMED])}{more} show a single colour, as those of a "
+        f"the pictures of {listed_names(covered, most=_NAMED)} show a single colour, as those of a "
         "camera that is covered, broken or inside of something: they are left out.",
         CaptureWarning,
         stacklevel=2,
@@ -91,17 +86,12 @@ def _plain_color(views: Sequence[View]) -> BackdropColor | None:
 
 
 def _colors(views: Sequence[View]) -> Iterator[Float[np.ndarray, "pixels 3"]]:
-    """The sRGB-encoded colours of pixels of each view that count."""
+    """The sRGB-encoded colours of pixels of each view that count. Nothing is said of transparent
+    ones: the fit reads all pictures later, and tells of how many."""
     for view in views:
-        picture = _picture(view)
-        shown = picture[visible_pixels(view)] if is_masked(view) else picture.reshape(-1, 3)
+        picture, mask = read_with_mask(view, quiet=True)
+        shown = picture.reshape(-1, 3) if mask is None else picture[mask]
         yield _in_unit(shown[:: max(len(shown) // _PIXELS, 1)])
-
-
-def _picture(view: View) -> np.ndarray:
-    """What `read_encoded` returns, without its warning of transparent pixels: the fit reads all
-    pictures later, and tells of how many."""
-    return encoded_values(view, stored_picture(view).values)
 
 
 def _in_unit(encoded: np.ndarray) -> Float[np.ndarray, "pixels 3"]:
@@ -111,6 +101,7 @@ def _in_unit(encoded: np.ndarray) -> Float[np.ndarray, "pixels 3"]:
 
 def _border(view: View) -> Float[np.ndarray, "pixels 3"]:
     """The sRGB-encoded colours at the border of a picture."""
-    edge = visible_pixels(view) if is_masked(view) else np.ones((view.height, view.width), bool)
+    picture, mask = read_with_mask(view, quiet=True)
+    edge = np.ones(picture.shape[:2], bool) if mask is None else mask
     edge[1:-1, 1:-1] = False
-    return _in_unit(_picture(view)[edge])
+    return _in_unit(picture[edge])

@@ -3,6 +3,8 @@
 import numpy as np
 from jaxtyping import Float
 
+from gaussray.runtime.output import listed_names
+
 
 # A picture is doubtful if its mean error is so many times that of the median picture; of a picture
 # of which less than this share of the tiles was drawn, nothing is known.
@@ -27,10 +29,9 @@ def doubtful_views(names: list[str], error: Float[np.ndarray, "pictures tiles"])
     far = [names[judged[k]] for k in worst if mean[k] > _FAR * np.median(mean)]
     if not far:
         return ""
-    more = f" and {len(far) - _LISTED} more" if len(far) > _LISTED else ""
     return (
         f"{len(far)} of {len(judged)} training pictures stay far from the scene (more than "
-        f"{_FAR:g} times the error of the median picture): {', '.join(far[:_LISTED])}{more}. Their "
-        "poses may be wrong, or no other picture shows what they do. To fit without one, hold it "
-        f"out: capture.test=['{far[0]}']."
+        f"{_FAR:g} times the error of the median picture): {listed_names(far, most=_LISTED)}. "
+        "Their poses may be wrong, or no other picture shows what they do. To fit without one, "
+        f"hold it out: capture.test=['{far[0]}']."
     )

@@ -24,6 +24,8 @@ _VIEWS = 24
 _PIXELS, _DETAILS = 70_000, 600
 # A match is believed if the second best is this much worse (Lowe's ratio).
 _RATIO = 0.8
+# Fewest matches of a pair that tell something: of fewer, most may be wrong.
+FEWEST_MATCHES = 15
 # Least cosine between the directions in which neighbours look: else they share little.
 _ALIKE = 0.8
 # Matches of a pair are of one thing if at least so large a share of them and so many lie on the

@@ -4,6 +4,7 @@ import numpy as np
 
 from gaussray.capture.odd_cameras import JudgedPair, odd_cameras
 from gaussray.reconstruct.checks.matched_details import (
+    FEWEST_MATCHES,
     PosedViews,
     is_of_one_thing,
     line_offsets,
@@ -13,9 +14,9 @@ from gaussray.reconstruct.checks.matched_details import (
 
 # Neighbours of a picture with which it is compared.
 _NEIGHBOURS = 3
-# Fewest matches of a pair that tell something, and median distances in pixels of reduced pictures
-# up to which they fit, and from which on they do not.
-_TELLING, _FITS, _OFF = 15, 1.5, 3.0
+# Median distances in pixels of reduced pictures up to which the matches of a pair fit, and from
+# which on they do not.
+_FITS, _OFF = 1.5, 3.0
 # Neighbours of a camera that are listed, at most.
 _LISTED = 3
 
@@ -26,7 +27,7 @@ def odd_views_sentence(views: PosedViews) -> str:
     judged, offs = {}, {}
     for match in views.matches(nearest_pairs(views.rotation, views.eye, neighbours=_NEIGHBOURS)):
         count = len(match.one.ray)
-        if count < _TELLING:
+        if count < FEWEST_MATCHES:
             continue
         off = float(np.median(line_offsets(match, views.rotation, views.eye)))
         if off <= _FITS or (off >= _OFF and is_of_one_thing(match)):

@@ -24,6 +24,7 @@ from gaussray.reconstruct.checks.focal_check import (
     focal_fit,
 )
 from gaussray.reconstruct.checks.matched_details import (
+    FEWEST_MATCHES,
     DetailMatch,
     PosedViews,
     is_of_one_thing,
@@ -42,11 +43,10 @@ TURNED_COSINE = 0.97
 # Pixels of the reduced pictures off their lines, in the median, from which on poses are wrong, by
 # the least number of matches: few may be wrong themselves, many are not. Wrong matches, and lenses
 # that are a little off, cost less.
-_WRONG = ((15, 10.0), (40, 4.0), (150, 1.5))
-# A pair with so many matches tells nothing unless most of them fit some pose. Of fewer matches than
-# the second number in all, a quarter must lie farther off than so many pixels, too: more than half
-# may be wrong themselves, but wrong poses leave next to none where they are.
-_JUDGED, _FEW, _QUARTER = _WRONG[0][0], _WRONG[1][0], 1.25
+_WRONG = ((FEWEST_MATCHES, 10.0), (40, 4.0), (150, 1.5))
+# Of fewer matches than the first number in all, a quarter must lie farther off than so many pixels,
+# too: more than half may be wrong themselves, but wrong poses leave next to none where they are.
+_FEW, _QUARTER = _WRONG[1][0], 1.25
 # Poses must be read otherwise if they are more than so many pixels off, and other axes explain at
 # least so many matches (`explains`). Of eight captures five had matches in turned pairs: 0.3 to
 # 1.2 pixels with their own axes, 2.6 to 31 with others. With a lens that is off, too, other axes
@@ -219,7 +219,8 @@ def _checked(views: PosedViews) -> PoseCheck:
     def near(most_alike: float) -> list[DetailMatch]:
         pairs = evenly_spread(nearest_pairs(rotation, eye, most_alike), _PAIRS)
         found = views.matches(pairs)
-        return [x for x in found if len(x.one.ray) < _JUDGED or is_of_one_thing(x)]
+        # More matches tell nothing unless most of them fit some pose.
+        return [x for x in found if len(x.one.ray) < FEWEST_MATCHES or is_of_one_thing(x)]
 
     matched = near(1.0)
     found = PoseCheck(misfit(matched), misfit(near(TURNED_COSINE)))

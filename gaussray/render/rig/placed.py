@@ -18,6 +18,7 @@ from gaussray.camera.trajectory import Trajectory, pose_at
 from gaussray.capture.capture import View
 from gaussray.geometry import rotation_matrix
 from gaussray.io.plain_values import to_device
+from gaussray.io.validate import require
 from gaussray.render.rig.trajectory import path_of_key
 from gaussray.scene.scene import Scene, at
 from gaussray.scene.segmented import Clip, segment_at
@@ -76,6 +77,8 @@ class CameraOptions(eqx.Module):
             )
         if self.split not in ("train", "test", "all"):
             raise ValueError(f"camera.split must be train, test or all, got {self.split!r}.")
+        remedy = "Give times in the scene's unit."
+        require("camera.times", self.times, np.isfinite, "finite", remedy)
         if self.frames < 1:
             raise ValueError(f"camera.frames must be at least 1, got {self.frames}.")
         for key in ("eye", "target", "up"):

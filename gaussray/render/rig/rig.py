@@ -30,6 +30,7 @@ from gaussray.render.rig.shutter import (
     trigger_delays,
 )
 from gaussray.render.rig.trajectory import TrajectoryOptions as TrajectoryOptions
+from gaussray.runtime.output import listed_names
 
 
 # Times (the capture's unit) that differ by less are equal; and the share of the time between two
@@ -160,12 +161,13 @@ def choose_views(views: Sequence[View], rig: RigOptions) -> list[tuple[int, View
     """
     options = rig.camera
     _check_repeated(options.names, rig.trajectory)
-    names = dict.fromkeys(view.camera_name for view in views)
+    names = list(dict.fromkeys(view.camera_name for view in views))
+    listed = listed_names(names, most=_NAMED)
     for name in options.names:
         if name not in names:
             raise ValueError(
-                f"camera.names must be among the capture's ({_some(list(names))}), got {name}."
-                f"{_alike(name, list(names))}"
+                f"camera.names must be among the capture's ({listed}), got {name}."
+                f"{_alike(name, names)}"
             )
     split = options.split
     if split == "test" and not any(view.split == split for view in views):
@@ -182,7 +184,7 @@ def choose_views(views: Sequence[View], rig: RigOptions) -> list[tuple[int, View
         splits = list(dict.fromkeys(view.split for view in views)) or ["train"]
         raise ValueError(
             "camera.split, camera.names and camera.times choose no frame of the capture; its "
-            f"cameras are {_some(list(names))}, its splits {', '.join(splits)}. Choose e.g. "
+            f"cameras are {listed}, its splits {', '.join(splits)}. Choose e.g. "
             f"camera.split={splits[0]}."
         )
     place = {name: i for i, name in enumerate(dict.fromkeys(options.names))}
@@ -198,12 +200,6 @@ def _check_repeated(names: Sequence[str], trajectory: TrajectoryOptions) -> None
             f"camera.names must name each camera once, got {repeated[0]} more than once. Only "
             "trajectory=between may return to a camera."
         )
-
-
-def _some(names: Sequence[str]) -> str:
-    """The first names, and how many others there are."""
-    others = len(names) - _NAMED
-    return ", ".join(names[:_NAMED]) + (f" and {others} others" if others > 0 else "")
 
 
 def _alike(name: str, names: Sequence[str]) -> str:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from gaussray.camera.camera import Camera
@@ -19,6 +20,7 @@ from gaussray.camera.shutter import (
     row_step_of,
 )
 from gaussray.io.plain_values import to_device
+from gaussray.io.validate import require
 
 
 SHUTTERS = ("keep", "global", "rolling", "interlaced", "table")
@@ -124,9 +126,13 @@ def _new_shutter(film: Film, options: ShutterOptions) -> Shutter:
 
 
 def _check_keys(options: ShutterOptions) -> None:
-    """Raise a ValueError for an unknown kind, or a key that the kind does not use."""
+    """Raise a ValueError for an unknown kind, an infinite time, or a key that the kind does not
+    use."""
     if options.kind not in SHUTTERS:
         raise ValueError(f"shutter.kind must be {', '.join(SHUTTERS)}, got {options.kind!r}.")
+    remedy = "Give a time in the capture's unit."
+    for key in ("readout", "row_step", "field_time", "exposure"):
+        require(f"shutter.{key}", getattr(options, key), np.isfinite, "finite", remedy)
     for key, kinds in _KINDS_OF_KEY.items():
         if getattr(options, key) and options.kind not in kinds:
             raise ValueError(

@@ -23,8 +23,6 @@ _TRAJECTORY_KEYS = {
     "between": ("interpolation", "steps"),
     "path": ("interpolation", "steps", "file", "clock"),
 }
-# Kinds of cameras that are chosen by another name.
-_CAMERA_CHOICES = {"capture": "default"}
 _KEYS_OF_ALL_CAMERAS = ("clip_start",)
 _CAMERA_KEYS = {
     "capture": ("split", "names", "times"),
@@ -32,8 +30,8 @@ _CAMERA_KEYS = {
     "orbit": ("eye", "target", "up", "frames", "turns"),
     "path": ("file", "frames"),
 }
-# A shutter that no choice of its group names is written as its kind.
-_UNNAMED_SHUTTERS = ("table",)
+# Kinds that are not chosen by their own name.
+_CHOICES = {"capture": "camera=default", "table": "shutter.kind=table"}
 
 
 def apply_implied_choices(options: RigOptions) -> tuple[RigOptions, list[str]]:
@@ -49,7 +47,7 @@ def apply_implied_choices(options: RigOptions) -> tuple[RigOptions, list[str]]:
         key = next((k for k in _KIND_OF_SHUTTER if k in changed), None)
         if key is not None:
             kind = _KIND_OF_SHUTTER[key]
-            notes.append(_note("shutter", key, getattr(shutter, key), _shutter_choice(kind)))
+            notes.append(_note("shutter", key, getattr(shutter, key), _choice("shutter", kind)))
             shutter = dataclasses.replace(shutter, kind=kind)
     if trajectory.kind == "keep" and trajectory.file and options.camera.kind == "capture":
         notes.append(_note("trajectory", "file", trajectory.file, "trajectory=path"))
@@ -61,8 +59,8 @@ def _note(group: str, key: str, value: Any, choice: str) -> str:
     return f"{group}.{key}={value} chooses {choice}."
 
 
-def _shutter_choice(kind: str) -> str:
-    return f"shutter{'.kind' * (kind in _UNNAMED_SHUTTERS)}={kind}"
+def _choice(group: str, kind: str) -> str:
+    return _CHOICES.get(kind, f"{group}={kind}")
 
 
 def check_used_keys(options: RigOptions) -> None:
@@ -82,7 +80,7 @@ def check_used_keys(options: RigOptions) -> None:
     if shutter.kind != "interlaced":
         used = set(_changed(shutter)) - {"first_field"}
         remedy = "Choose shutter=interlaced."
-        _refuse("shutter", _changed(shutter), tuple(used), _shutter_choice(shutter.kind), remedy)
+        _refuse("shutter", _changed(shutter), tuple(used), _choice("shutter", shutter.kind), remedy)
     if trajectory.kind in _TRAJECTORY_KEYS:
         # Generated datasets draw every seed, whether or not there is a shake.
         used = (*_TRAJECTORY_KEYS[trajectory.kind], "shake_degrees", "shake_distance", "shake_seed")
@@ -95,16 +93,14 @@ def check_used_keys(options: RigOptions) -> None:
 
 def _check_camera(camera: CameraOptions) -> None:
     changed, used = _changed(camera), (*_CAMERA_KEYS[camera.kind], *_KEYS_OF_ALL_CAMERAS)
-    ignored = next((key for key in changed if key not in used), "")
-    kinds = [kind for kind, keys in _CAMERA_KEYS.items() if ignored in keys]
-    remedy = f"Choose camera={' or '.join(map(_camera_choice, kinds))}."
+    ignored = next((key for key in changed if key not in used), None)
+    if ignored is None:
+        return
+    first, *rest = (kind for kind, keys in _CAMERA_KEYS.items() if ignored in keys)
+    remedy = f"Choose {' or '.join([_choice('camera', first), *rest])}."
     if camera.kind == "capture" and ignored == "frames":
         remedy += " Frames of the capture's cameras are chosen by their times: camera.times=[TIME]."
-    _refuse("camera", changed, used, f"camera={_camera_choice(camera.kind)}", remedy)
-
-
-def _camera_choice(kind: str) -> str:
-    return _CAMERA_CHOICES.get(kind, kind)
+    _refuse("camera", changed, used, _choice("camera", camera.kind), remedy)
 
 
 def _check_lens(options: RigOptions) -> None:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from gaussray.io.safe.files import read_text
+from gaussray.runtime.output import listed_names
 from gaussray.scene.formats.compressed_ply import is_compressed_ply, read_compressed_ply
 from gaussray.scene.formats.gaussian_network import read_field
 from gaussray.scene.formats.gaussian_ply import read_gaussians, read_unconstrained
@@ -143,9 +144,7 @@ def _no_model(source: Path) -> str:
     """What to name instead of a folder that is no model: its files that are, if there are some."""
     endings = (".ply", *READERS)
     files = sorted(x.name for x in source.iterdir() if x.suffix.lower() in endings)
-    shown = ", ".join(files[:_SHOWN]) + (
-        f" and {len(files) - _SHOWN} others" * (len(files) > _SHOWN)
-    )
+    shown = listed_names(files, most=_SHOWN)
     which = f"a file in it ({shown})" if files else f"a file ({', '.join(endings)})"
     return (
         f"{source}: holds no point_cloud.ply and no {META}. Name {which}, the folder of a trained "

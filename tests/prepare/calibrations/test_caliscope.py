@@ -118,5 +118,5 @@ def test_a_wrong_value_is_named_with_what_a_table_needs(tmp_path, changed, messa
 
 def test_two_tables_of_one_name_are_refused(tmp_path):
     tables = [table(pose, name="front") for pose in POSES[:2]]
-    with pytest.raises(PrepareError, match="a name of its own, got front, front. Change"):
+    with pytest.raises(PrepareError, match="a name of its own, got front twice. Change"):
         read_calibration(write(tmp_path, tables, "cam_{}"))

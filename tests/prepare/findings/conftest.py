@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gaussray.prepare.poses import Placement
+from gaussray.prepare.placement import Placement
 from gaussray.prepare.sparse_model import Observations, SparseModel
 
 

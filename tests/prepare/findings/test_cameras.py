@@ -7,7 +7,7 @@ import pytest
 
 from gaussray.prepare.features import MatchingPicture
 from gaussray.prepare.findings.cameras import camera_findings
-from gaussray.prepare.poses import Placement
+from gaussray.prepare.placement import Placement
 from gaussray.prepare.sparse_model import Observations, SparseModel
 
 
@@ -71,8 +71,8 @@ def test_more_timestamps_are_recommended_only_where_a_still_camera_has_them(more
     found = dataclasses.replace(placed([0, 20], missing=2), more_instants=more)
     found = found if still else dataclasses.replace(found, still=frozenset())
     remedy = camera_findings(found)[0].remedy
-    assert ("frames.instants=8 find more" in remedy) == (more > 0 and still)
-    assert ("larger pictures (these have 4 pixels) find more" in remedy) != (more > 0 and still)
+    assert ("for more matches, frames.instants=8;" in remedy) == (more > 0 and still)
+    assert "for more matches, larger pictures (these have 4 pixels);" in remedy
 
 
 @pytest.mark.parametrize(("full", "key"), [("camera3.png", "poses.features=16384"), ("", "")])
@@ -81,7 +81,7 @@ def test_nothing_is_said_to_find_more_matches_where_nothing_does(full, key):
     large = {f: dataclasses.replace(p, size=(1600, 900)) for f, p in found.pictures.items()}
     found = dataclasses.replace(found, pictures=large, full_pictures=frozenset([full]))
     remedy = camera_findings(found)[0].remedy
-    more = f"{key} finds more matches; " if key else ""
+    more = f"for more matches, {key}; " if key else ""
     assert remedy == (
         f"Add cameras between their neighbours, or pictures with more texture; {more}"
         "poses.lens=FILE or poses.fov=DEGREES if you know the lens; or give a calibration."

@@ -3,9 +3,10 @@
 import pathlib
 
 import numpy as np
+import pytest
 
 from gaussray.prepare.findings.clocks import sync_findings
-from gaussray.prepare.options import FramesOptions, SyncOptions
+from gaussray.prepare.options import FramesOptions
 from gaussray.prepare.sources import Source
 from gaussray.prepare.sync import Sync
 from gaussray.prepare.timeline import common_timeline
@@ -16,49 +17,40 @@ def video(name, rate, count):
     return Source(name, path, (), np.arange(count) / rate, ((64, 48),))
 
 
-def found(sources, method="known", confidence=1.0, disagreement=0.0):
-    """The findings about cameras that start together, of which the last is the one in question."""
+def found(sources, method="known", disagreement=0.0, assumed=""):
+    """The findings about cameras that start together; the last one disagrees so much with others,
+    and some have no trusted offset."""
     names, last = [source.name for source in sources], sources[-1].name
     zeros = dict.fromkeys(names, 0.0)
-    confidences = dict.fromkeys(names, 1.0) | {last: confidence}
-    sync = Sync(method, zeros, confidences, zeros | {last: disagreement})
+    confidence = dict.fromkeys(names, 1.0) | {last: 0.5}
+    sync = Sync(method, zeros, confidence, zeros | {last: disagreement}, frozenset(assumed))
     line = common_timeline(sources, sync, FramesOptions())
-    return sync_findings(sources, sync, line, SyncOptions(trust=0.5))
+    return sync_findings(sources, sync, line)
 
 
-def test_an_offset_is_doubtful_below_the_confidence_that_is_asked_for():
-    pair = [video("a", 10, 40), video("b", 10, 40)]
-    (good,) = found(pair, "audio", confidence=0.5)
+def test_the_least_confidence_is_told_of_videos_that_are_synchronised():
+    (good,) = found([video("a", 10, 40), video("b", 10, 40)], "audio")
     assert good.level == "good" and "by audio, confidence 0.50 or more" in good.text
-    (weak,) = found(pair, "audio", confidence=0.49)
-    assert weak.level == "warn" and weak.text.startswith("b: no trusted synchronisation by audio")
 
 
-def test_videos_without_a_trusted_offset_start_with_one_that_has_it():
-    sources = [video(name, 10, 40) for name in "abc"]
-    zeros = dict.fromkeys("abc", 0.0)
-    line = common_timeline(sources, Sync("none", zeros, zeros, zeros), FramesOptions())
-
-    def text(assumed, **confidence):
-        sync = Sync("motion", zeros, confidence, zeros, frozenset(assumed))
-        (finding,) = sync_findings(sources, sync, line, SyncOptions(trust=0.5))
-        assert finding.level == "warn"
-        return finding.text
-
-    some = "c: no trusted synchronisation by motion; taken to start with a"
-    assert text("", a=0.9, b=0.9, c=0.2) == text("c", a=0.9, b=0.9, c=0.2) == some
-    none = "no trusted synchronisation by motion; all videos are taken to start together"
-    assert text("", a=0.1, b=0.2, c=0.2) == none
-    # Whatever is known of the others does not count if the first one cannot be compared with them.
-    assert text("abc", a=0.1, b=0.9, c=0.9) == none
-    # Sound links the others: the first of these starts with the first camera.
-    assert text("a", a=0.1, b=0.9, c=0.9).endswith("by motion; taken to start with b")
+@pytest.mark.parametrize(
+    ("assumed", "text"),
+    [
+        ("c", "c: no trusted synchronisation by motion; taken to start with a"),
+        ("abc", "no trusted synchronisation by motion; all videos are taken to start together"),
+        # Sound links the others: the first of these starts with the first camera.
+        ("a", "a: no trusted synchronisation by motion; taken to start with b"),
+    ],
+)
+def test_videos_without_a_trusted_offset_start_with_one_that_has_it(assumed, text):
+    (weak,) = found([video(name, 10, 40) for name in "abc"], "motion", assumed=assumed)
+    assert weak.level == "warn" and weak.text == text
 
 
 def test_offsets_that_are_given_need_no_confidence():
     pair = [video("a", 10, 40), video("b", 10, 40)]
     for method, text in (("none", "start together"), ("known", "offsets are given")):
-        (good,) = found(pair, method, confidence=0.0)
+        (good,) = found(pair, method)
         assert good.level == "good" and text in good.text
     assert found(pair[:1]) == []
 

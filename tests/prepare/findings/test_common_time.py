@@ -7,7 +7,7 @@ import pytest
 
 from gaussray.prepare.findings.clocks import sync_findings
 from gaussray.prepare.findings.common_time import common_time_findings
-from gaussray.prepare.options import FramesOptions, SyncOptions
+from gaussray.prepare.options import FramesOptions
 from gaussray.prepare.sources import Source
 from gaussray.prepare.sync import Sync
 from gaussray.prepare.timeline import common_timeline, thinned_timeline
@@ -30,7 +30,7 @@ def found(sources, options=None, **late):
     line = common_timeline(sources, sync, options or FramesOptions())
     findings = common_time_findings(sources, line)
     # The other findings about the clocks come with them.
-    told = sync_findings(sources, sync, line, SyncOptions())
+    told = sync_findings(sources, sync, line)
     assert all(one in told for one in findings)
     return findings
 

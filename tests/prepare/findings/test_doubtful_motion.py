@@ -9,7 +9,7 @@ from gaussray.prepare.features import Keypoints, MatchingPicture
 from gaussray.prepare.findings.cameras import camera_findings
 from gaussray.prepare.findings.doubtful_motion import doubtful_motion_findings
 from gaussray.prepare.findings.points import OBSERVATIONS
-from gaussray.prepare.poses import Placement
+from gaussray.prepare.placement import Placement
 from gaussray.prepare.sparse_model import Observations, SparseModel
 
 

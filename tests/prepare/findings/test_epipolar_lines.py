@@ -11,7 +11,7 @@ from gaussray.prepare.features import Keypoints, MatchingPicture
 from gaussray.prepare.findings import calibration_readings
 from gaussray.prepare.findings.epipolar_lines import epipolar_findings
 from gaussray.prepare.findings.pair_distances import EVIDENCE, PairDistance
-from gaussray.prepare.poses import Placement
+from gaussray.prepare.placement import Placement
 from gaussray.prepare.sparse_model import Observations, SparseModel
 from gaussray.prepare.stray_poses import without_strays
 

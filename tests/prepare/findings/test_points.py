@@ -7,7 +7,7 @@ import pytest
 
 from gaussray.prepare.features import MatchingPicture
 from gaussray.prepare.findings.points import OBSERVATIONS, point_findings
-from gaussray.prepare.poses import Placement
+from gaussray.prepare.placement import Placement
 from gaussray.prepare.sparse_model import Observations, SparseModel
 
 
@@ -95,6 +95,6 @@ def test_keys_are_named_only_where_they_change_something(size, wider, features, 
     assert ("poses.features=16384" in finding.remedy) == features
     assert ("frames.instants=10" in finding.remedy) == told
     if not (larger or features or told):
-        assert finding.remedy == "Cameras closer to each other, more texture."
+        assert finding.remedy == "For more points: cameras closer to each other, more texture."
     (moving,) = point_findings(dataclasses.replace(found, still=frozenset()))
     assert "frames.instants" not in moving.remedy

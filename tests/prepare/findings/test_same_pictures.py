@@ -9,7 +9,7 @@ from gaussray.dataset.images import write_image
 from gaussray.prepare.features import Keypoints, MatchingPicture
 from gaussray.prepare.findings.same_pictures import same_picture_findings
 from gaussray.prepare.overlays import PictureOverlay
-from gaussray.prepare.poses import Placement
+from gaussray.prepare.placement import Placement
 from gaussray.prepare.sparse_model import Observations, SparseModel
 
 

@@ -27,7 +27,7 @@ def test_of_many_the_worst_are_named_and_the_others_counted():
     error = np.full((30, 4), 0.01)
     error[:9] = np.linspace(0.2, 0.1, 9)[:, None]
     line = doubtful_views(names, error)
-    assert "q0, q1, q2, q3, q4, q5 and 3 more." in line
+    assert "q0, q1, q2, q3, q4, q5 and 3 others." in line
 
 
 @pytest.mark.parametrize("count", [7, 10])
