@@ -38,6 +38,7 @@ from single import COLOR, GRADIENT, SINGLE, errors_on_device, mixed, pile, roomy
 from gaussray.tracer import options as tracer_options
 from gaussray.tracer.cpu import march as cpu_march, meet as cpu_meet
 from gaussray.tracer.cpu.block import LANES
+from gaussray.tracer.cpu.sort import sort_lanes
 from gaussray.tracer.march import march
 from gaussray.tracer.measure import measure
 from gaussray.tracer.options import TraceOptions, on_cpu_kernel, on_kernel
@@ -184,7 +185,6 @@ def test_thousands_on_one_ray_are_all_met_in_their_order():
 
 
 def test_hundreds_on_one_ray_are_all_learnt_from():
-    # Three runs of hits to sort, and the last one is short.
     motion, _ = pile(150)
     color, errors = errors_on_device(motion, rays(place=(0, 0, -8), jitter=0.02, spread=0.01))
     assert color < COLOR and max(errors.values()) < GRADIENT, errors
@@ -265,20 +265,33 @@ def test_a_loss_of_colours_alone_has_gradients():
 
 def test_opacities_are_exponentials_but_for_roundings():
     @numba.njit
-    def respond(lanes, opacity):
-        cpu_meet.respond_lanes(lanes, opacity)
+    def respond(block, opacity, alpha):
+        cpu_meet.store_alphas(block, opacity, alpha)
 
     at, r = cpu_meet.AT_Q, np.random.default_rng(0)
-    lanes = np.zeros(at + LANES, np.float32)
+    block, alpha = np.zeros(at + LANES, np.float32), np.zeros(LANES, np.float32)
     for largest in (1.0, 12.0, 170.0):
         q = r.uniform(0, largest, LANES).astype(np.float32)
         q[:2] = 0, largest
-        lanes[at:] = q
-        respond(lanes, np.float32(0.75))
+        block[at:] = q
+        respond(block, np.float32(0.75), alpha)
         expected = 0.75 * np.exp(-q.astype(float) / 2)
         # One rounding of the result, and one of the exponent, which may be as large as `largest`.
         allowed = np.finfo(np.float32).eps * (2 + largest / 2)
-        np.testing.assert_allclose(lanes[at:], expected, rtol=allowed)
-    lanes[at:] = np.inf
-    respond(lanes, np.float32(0.75))
-    assert np.all(lanes[at:] < 1e-37)
+        np.testing.assert_allclose(alpha, expected, rtol=allowed)
+    block[at:] = np.inf
+    respond(block, np.float32(0.75), alpha)
+    assert np.all(alpha < 1e-37)
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 3, 7, 64, 100])
+def test_every_lane_is_sorted(count):
+    @numba.njit
+    def sort(numbers, count):
+        sort_lanes(numbers, count)
+
+    # Many are equal, and rows behind the first ones stay as they are.
+    numbers = np.random.default_rng(count).integers(0, 50, (count + 2, LANES))
+    expected = np.concatenate([np.sort(numbers[:count], axis=0), numbers[count:]])
+    sort(numbers, count)
+    np.testing.assert_array_equal(numbers, expected)

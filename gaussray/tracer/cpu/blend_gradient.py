@@ -6,20 +6,20 @@ Each ray of a block (cpu/block.py) blends the states by weights of its own.
 
 import numpy as np
 
-from gaussray.runtime.machine_code import inlined_code, machine_code, summing_code
+from gaussray.runtime.machine_code import machine_code, summing_code
 from gaussray.tracer.cpu.block import (
     AT_G_BLENDED,
     AT_G_COLOR,
     AT_G_Q,
     AT_G_T,
     AT_KEYS,
-    AT_MATRIX,
     AT_MEAN,
     AT_TIME,
     LANES,
     copy_row,
 )
 from gaussray.tracer.cpu.hit import dot, inverse_of
+from gaussray.tracer.cpu.meet import blend_states, blended_matrix
 from gaussray.tracer.cpu.meet_gradient import (
     add_ray_gradient,
     hit_of,
@@ -33,17 +33,16 @@ from gaussray.tracer.cpu.meet_gradient import (
 _ZERO = np.float32(0)
 _SIX_ZEROS = (_ZERO,) * 6
 _MX, _MY, _MZ = AT_MEAN, AT_MEAN + LANES, AT_MEAN + 2 * LANES
-# Rows of the matrix and the mean as rays meet them, in halves, and of their gradients; weights of
-# one key state and their gradients, in rows that the colours no longer need.
-_MATRIX_ROWS, _OTHER_ROWS, _G_MATRIX_ROWS, _G_OTHER_ROWS = (
-    tuple(first + LANES * c for c in range(6))
-    for first in (AT_MATRIX, AT_MATRIX + 6 * LANES, AT_G_BLENDED, AT_G_BLENDED + 6 * LANES)
+# Rows of the gradients of the matrix and the mean as rays meet them, in halves; weights of one key
+# state and their gradients, in rows that the colours no longer need.
+_G_MATRIX_ROWS, _G_OTHER_ROWS = (
+    tuple(first + LANES * c for c in range(6)) for first in (AT_G_BLENDED, AT_G_BLENDED + 6 * LANES)
 )
 _KEY, _D_KEY = AT_G_COLOR, AT_G_COLOR + LANES
 
 
 @machine_code
-def add_blended_gradients(row, d_row, layout, block, rays):
+def add_blended_gradients(row, d_row, layout, block, used, rays):
     """Add the gradients of the distances t and q, for a Gaussian with several key states.
 
     Args:
@@ -51,16 +50,14 @@ def add_blended_gradients(row, d_row, layout, block, rays):
         d_row: gradients of the row, to which is added.
         layout: columns of the row.
         block: the block.
+        used: which key states its rays have weights of.
         rays: None if gradients of the rays are not wanted.
     """
-    for r in range(12 * LANES):
-        block[AT_MATRIX + r] = _ZERO
-    for k in range(layout.keys):
-        copy_row(block, AT_KEYS + LANES * k, _KEY)
-        _blend_key(row, 12 * k, block, _MATRIX_ROWS)
-        _blend_key(row, 12 * k + 6, block, _OTHER_ROWS)
+    blend_states(block, used, layout, row)
     _meet_blended_gradients(row, d_row, layout, block, rays)
     for k in range(layout.keys):
+        if not used[k] and rays is None:
+            continue
         copy_row(block, AT_KEYS + LANES * k, _KEY)
         for r in range(LANES * (rays is not None)):
             block[_D_KEY + r] = _ZERO
@@ -69,20 +66,6 @@ def add_blended_gradients(row, d_row, layout, block, rays):
         d_w = AT_KEYS + LANES * (layout.keys + k)
         for r in range(LANES * (rays is not None)):
             block[d_w + r] += block[_D_KEY + r]
-
-
-@inlined_code
-def _blend_key(row, at, block, rows):
-    """Add what a key state has of six numbers of the matrix and the mean, by each ray's weight."""
-    a, b, c, d, e, f = row[at], row[at + 1], row[at + 2], row[at + 3], row[at + 4], row[at + 5]
-    for r in range(LANES):
-        w = block[_KEY + r]
-        block[rows[0] + r] += a * w
-        block[rows[1] + r] += b * w
-        block[rows[2] + r] += c * w
-        block[rows[3] + r] += d * w
-        block[rows[4] + r] += e * w
-        block[rows[5] + r] += f * w
 
 
 @summing_code
@@ -110,19 +93,7 @@ def _meet_blended_gradients(row, d_row, layout, block, rays):
     vx, vy, vz, born, fades, lasts = _SIX_ZEROS
     for r in range(LANES):
         age = block[AT_TIME + r] - instant
-        a = inverse_of(
-            (
-                block[AT_MATRIX + r],
-                block[AT_MATRIX + LANES + r],
-                block[AT_MATRIX + 2 * LANES + r],
-                block[AT_MATRIX + 3 * LANES + r],
-                block[AT_MATRIX + 4 * LANES + r],
-                block[AT_MATRIX + 5 * LANES + r],
-                block[AT_MATRIX + 6 * LANES + r],
-                block[AT_MATRIX + 7 * LANES + r],
-                block[AT_MATRIX + 8 * LANES + r],
-            )
-        )
+        a = inverse_of(blended_matrix(block, r))
         m = (block[_MX + r], block[_MY + r], block[_MZ + r])
         (x, d), g_q = hit_of(block, r, m, velocity, age), block[AT_G_Q + r]
         g_a, g_x, g_d = meeting_gradient(a, x, d, block[AT_G_T + r], g_q)

@@ -1,7 +1,7 @@
 """The hits of a bundle of rays with the Gaussians of its list, in machine code for a CPU.
 
-Every list entry meets all rays, in a loop that the compiler turns into vector instructions; then
-the hits of each ray are sorted in short runs, of which the nearest comes first.
+Block by block of its rays (cpu/block.py), every list entry meets all of them together; then the
+hits of all are sorted together.
 """
 
 from typing import Any, NamedTuple
@@ -13,24 +13,19 @@ from gaussray.runtime.machine_code import (
     allocating_code,
     flat_floats,
     floats,
+    inlined_code,
     integers,
     machine_code,
     operand,
 )
-from gaussray.tracer.cpu.block import LANES
-from gaussray.tracer.cpu.hit import Layout, harmonics_of
-from gaussray.tracer.cpu.meet import (
-    AT_Q,
-    AT_T,
-    BLENDED,
-    fill_lanes,
-    meet_lanes,
-    met_lanes,
-    new_lanes,
-    respond_lanes,
-)
+from gaussray.tracer.cpu.block import AT_T, LANES, begin_block, new_block
+from gaussray.tracer.cpu.color import light_width, store_light
+from gaussray.tracer.cpu.hit import Layout
+from gaussray.tracer.cpu.meet import meet_lanes, met_lanes, store_alphas
+from gaussray.tracer.cpu.sort import sort_lanes
 
 
+_NO_DISTANCE = np.uint32(0x7FFFFFFF)
 # An intrinsic, whose first parameter the compiler fills in.
 _lowest_bit: Any = numbers.trailing_zeros
 
@@ -78,35 +73,26 @@ class MarchInputs(NamedTuple):
 
 
 class HitBuffers(NamedTuple):
-    """Buffers of a thread for the hits of one bundle.
+    """Buffers of a thread for the hits of one block of rays.
 
     Args:
-        t: distance of every list entry on every ray, by blocks of `LANES` rays.
-        alpha: opacity of every list entry where it peaks on every ray, before it is limited.
+        block: the rays (cpu/block.py).
+        used: whether any of them has a weight of each key state.
         hits: hits of every ray: the bits of the distance above those of the list entry.
         length: number of hits of every ray.
-        spare: room for a run of hits.
-        head: the nearest hit of each run that is still to come.
-        place: where it is among the hits of the ray.
-        lanes: rays side by side (`new_lanes`).
-        blended: one Gaussian as each of these rays blends it.
-        used: whether any of these rays has a weight of each key state.
-        weights: weights of the control points of one ray.
-        harmonics: harmonics of the direction of one ray.
+        alpha: opacity of every list entry where it peaks on every ray, before it is limited. Behind
+            the last entry there is one that stands for none, here and in what follows.
+        light: red of every list entry on every ray (`light_width`), then green, then blue.
+        bits: the block as whole numbers.
     """
 
-    t: Any
-    alpha: Any
+    block: Any
+    used: Any
     hits: Any
     length: Any
-    spare: Any
-    head: Any
-    place: Any
-    lanes: Any
-    blended: Any
-    used: Any
-    weights: Any
-    harmonics: Any
+    alpha: Any
+    light: Any
+    bits: Any
 
 
 @allocating_code
@@ -145,21 +131,16 @@ def march_inputs(frame):
 
 @allocating_code
 def hit_buffers(march):
-    """Buffers for the hits of one bundle, long enough for the longest list."""
-    blocks = (march.each + LANES - 1) // LANES
+    """Buffers for the hits of one block, long enough for the longest list."""
+    block = new_block(march.layout.keys)
     return HitBuffers(
-        np.empty((blocks, march.longest, LANES), np.float32),
-        np.empty((blocks, march.longest, LANES), np.float32),
-        np.empty((march.each, march.longest + _STEP), np.int64),
-        np.empty(march.each, np.int64),
-        np.empty(_RUN, np.int64),
-        np.empty(march.longest // _RUN + 1, np.int64),
-        np.empty(march.longest // _RUN + 1, np.int64),
-        new_lanes(march.layout.keys),
-        np.empty((BLENDED, LANES), np.float32),
+        block,
         np.empty(march.layout.keys, np.bool_),
-        np.empty(march.layout.keys, np.float32),
-        np.empty(16, np.float32),
+        np.empty((march.longest, LANES), np.int64),
+        np.empty(LANES, np.int64),
+        np.empty((march.longest + 1, LANES), np.float32),
+        np.empty((march.longest + 1, 3 * light_width(march.layout)), np.float32),
+        block.view(np.uint32),
     )
 
 
@@ -177,116 +158,70 @@ def list_range(march, bundle):
 
 
 @machine_code
-def find_hits(march, buffers, bundle):
-    """Intersect the rays of a bundle with its list, and store the hits.
+def find_hits(march, buffers, bundle, begin):
+    """Intersect the rays of a block with the list of their bundle, and sort their hits.
 
     Args:
         march: inputs of the march.
-        buffers: the thread's buffers. `hits` (in the order of the list) and `length` are written,
-            and of entries that a ray hits, `t` and `alpha`.
+        buffers: the thread's buffers. `block`, `hits` (nearest first; at the same distance, as in
+            the list; then `none_of`) and `length` are written, and of entries that a ray hits,
+            `alpha` and `light`.
         bundle: index of the bundle.
+        begin: index of the first ray of the block within the bundle.
+
+    Returns:
+        The largest number of hits of a ray.
     """
     first, last = list_range(march, bundle)
-    lanes, used = buffers.lanes, buffers.used
+    block, layout = buffers.block, march.layout
+    count, i = min(LANES, march.each - begin), bundle * march.each + begin
+    begin_block(block, buffers.used, layout, march.rays, i, count)
     buffers.length[:] = 0
-    for begin in range(0, march.each, LANES):
-        count, i = min(LANES, march.each - begin), bundle * march.each + begin
-        block = begin // LANES
-        t, alpha, bits = buffers.t[block], buffers.alpha[block], buffers.t.view(np.uint32)[block]
-        fill_lanes(lanes, used, march.layout, march.rays, i, count)
-        for e in range(last - first):
-            number = march.index[first + e]
-            if number < 0:
-                continue
-            row = march.table[number]
-            meet_lanes(lanes, used, buffers.blended, march.layout, row)
-            met = met_lanes(lanes, march.squared[number])
-            if met == np.uint64(0):
-                continue
-            respond_lanes(lanes, row[march.layout.opacity])
-            for r in range(LANES):
-                t[e, r], alpha[e, r] = lanes[AT_T + r], lanes[AT_Q + r]
-            while met:
-                lane = np.int64(_lowest_bit(met))
-                met &= met - np.uint64(1)
-                r = begin + lane
-                buffers.hits[r, buffers.length[r]] = _hit(bits[e, lane], e)
-                buffers.length[r] += 1
+    for e in range(last - first):
+        number = march.index[first + e]
+        if number < 0:
+            continue
+        row = march.table[number]
+        meet_lanes(block, buffers.used, layout, row)
+        met = met_lanes(block, march.squared[number])
+        if met == np.uint64(0):
+            continue
+        _add_hits(buffers, met, e)
+        store_alphas(block, row[layout.opacity], buffers.alpha[e])
+        store_light(row, layout, block, buffers.light[e])
+    return _sort_hits(buffers, none_of(march))
 
 
 @machine_code
+def _add_hits(buffers, met, entry):
+    """Append the hits of a list entry to those of the rays that it meets."""
+    while met:
+        r = np.int64(_lowest_bit(met))
+        met &= met - np.uint64(1)
+        buffers.hits[buffers.length[r], r] = _hit(buffers.bits[AT_T + r], entry)
+        buffers.length[r] += 1
+
+
+@inlined_code
 def _hit(bits, entry):
     """A hit as one number, nearer ones smaller; at the same distance, earlier entries."""
     return np.int64(bits) << 32 | np.int64(entry)
 
 
-@machine_code
-def _store_weights(march, buffers, i):
-    """Store the weights of a ray."""
-    for k in range(march.layout.keys):
-        buffers.weights[k] = march.rays.weights[k, i]
-
-
-# Hits of a run, and how many are compared at a time: what is behind the last hit does not count.
-_RUN, _STEP = 64, 16
-_NONE = np.int64(np.iinfo(np.int64).max)
+@inlined_code
+def none_of(march):
+    """What stands for no hit: its distance, the largest bits, is not a number."""
+    return _hit(_NO_DISTANCE, march.longest)
 
 
 @machine_code
-def _sort_run(hits, spare, count):
-    """Sort a run of hits, which others or `_STEP` of `_NONE` follow: each goes where as many are
-    before it as are nearer. This compares more than other methods, but mispredicts no branch.
-    """
-    whole = (count + _STEP - 1) // _STEP * _STEP
-    for i in range(count):
-        hit, before = hits[i], 0
-        for j in range(whole):
-            before += hits[j] < hit
-        spare[before] = hit
-    for i in range(count):
-        hits[i] = spare[i]
-
-
-@machine_code
-def begin_ray(march, buffers, bundle, r):
-    """Prepare a ray: sort the runs of its hits, and store its weights and the harmonics of its
-    direction.
-
-    Args:
-        march: inputs of the march.
-        buffers: the thread's buffers, after `find_hits` of the bundle.
-        bundle: index of the bundle.
-        r: index of the ray within the bundle.
-
-    Returns:
-        The index of the ray among all rays.
-    """
-    i, hits, count = bundle * march.each + r, buffers.hits[r], buffers.length[r]
-    for n in range(_STEP):
-        hits[count + n] = _NONE
-    for begin in range(0, count, _RUN):
-        _sort_run(hits[begin:], buffers.spare, min(_RUN, count - begin))
-        buffers.place[begin // _RUN], buffers.head[begin // _RUN] = begin, hits[begin]
-    _store_weights(march, buffers, i)
-    d = (march.rays.direction[0, i], march.rays.direction[1, i], march.rays.direction[2, i])
-    harmonics_of(d, march.layout.coefficients, buffers.harmonics)
-    return i
-
-
-@machine_code
-def pop_nearest(buffers, r):
-    """The list entry of a ray's nearest hit that was not returned yet, counted from 0 in the list.
-
-    Args:
-        buffers: the thread's buffers, after `begin_ray`.
-        r: index of the ray within the bundle; it has such a hit.
-    """
-    count, run = buffers.length[r], 0
-    for k in range(1, (count + _RUN - 1) // _RUN):
-        if buffers.head[k] < buffers.head[run]:
-            run = k
-    hit, place = buffers.head[run], buffers.place[run] + 1
-    buffers.place[run] = place
-    more = place < min(_RUN * (run + 1), count)
-    buffers.head[run] = buffers.hits[r, place] if more else _NONE
-    return hit & 0xFFFFFFFF
+def _sort_hits(buffers, none):
+    """Sort the hits of every ray, and return the largest number of hits of a ray."""
+    hits, length, most = buffers.hits, buffers.length, 0
+    for r in range(LANES):
+        most = max(most, length[r])
+    for n in range(most):
+        for r in range(LANES):
+            hits[n, r] = hits[n, r] if n < length[r] else none
+    sort_lanes(hits, most)
+    return most

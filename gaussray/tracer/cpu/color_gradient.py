@@ -12,14 +12,15 @@ from gaussray.tracer.cpu.block import (
     AT_G_COLOR,
     AT_HARMONICS,
     AT_KEYS,
-    AT_MATRIX,
     AT_PIXEL,
+    AT_TINT,
     AT_WEIGHT,
     LANES,
     copy_row,
     lane_sum,
     product_sum,
 )
+from gaussray.tracer.cpu.color import blend_colors, blend_tints
 
 
 _ZERO, _HALF, _TWO, _THREE = (np.float32(x) for x in (0, 0.5, 2, 3))
@@ -30,7 +31,7 @@ _C3A, _C3B, _C3C, _C3D, _C3E = (np.float32(x) for x in C3)
 _RED, _GREEN, _BLUE = (AT_G_COLOR + LANES * c for c in range(3))
 _PIXEL_G, _PIXEL_B = AT_PIXEL + LANES, AT_PIXEL + 2 * LANES
 # Tints, and weights of one key state, in rows that are written after all colours.
-_TINT_R, _TINT_G, _TINT_B, _KEY = (AT_MATRIX + LANES * k for k in range(4))
+_TINT_R, _TINT_G, _TINT_B, _KEY = (AT_TINT + LANES * k for k in range(4))
 _Y0, _Y1, _Y2, _Y3, _Y4, _Y5, _Y6, _Y7 = (AT_HARMONICS + LANES * k for k in range(8))
 _Y8, _Y9, _Y10, _Y11, _Y12, _Y13, _Y14, _Y15 = (AT_HARMONICS + LANES * k for k in range(8, 16))
 
@@ -83,7 +84,7 @@ def add_color_gradients(row, d_row, layout, block, rays):
             if _HALF + _C0 * row[at] > _ZERO:
                 d_row[at] += _C0 * product_sum(block, AT_WEIGHT, AT_PIXEL + LANES * c)
         return
-    _add_colors(row, layout, block)
+    blend_colors(row, layout, block)
     if layout.tint >= 0:
         _add_tint_gradients(row, d_row, layout, block, rays)
     else:
@@ -102,60 +103,6 @@ def add_color_gradients(row, d_row, layout, block, rays):
             block[total + r] += (
                 red * block[_RED + r] + green * block[_GREEN + r] + blue * block[_BLUE + r]
             )
-
-
-# Written out for each degree: loops over rows that are found at run time take five times as long.
-@machine_code
-def _add_colors(row, layout, block):
-    """Write the colours that the rays see, before what is below zero is cut."""
-    at = layout.harmonics
-    if layout.coefficients == 1:
-        red, green, blue = (
-            _HALF + _C0 * row[at],
-            _HALF + _C0 * row[at + 1],
-            _HALF + _C0 * row[at + 2],
-        )
-        for r in range(LANES):
-            block[_RED + r], block[_GREEN + r], block[_BLUE + r] = red, green, blue
-        return
-    for r in range(LANES):
-        y = block[_Y0 + r], block[_Y1 + r], block[_Y2 + r], block[_Y3 + r]
-        block[_RED + r] = _HALF + _weighted_4(row, at, y)
-        block[_GREEN + r] = _HALF + _weighted_4(row, at + 1, y)
-        block[_BLUE + r] = _HALF + _weighted_4(row, at + 2, y)
-    if layout.coefficients > 4:
-        at += 12
-        for r in range(LANES):
-            y = block[_Y4 + r], block[_Y5 + r], block[_Y6 + r], block[_Y7 + r], block[_Y8 + r]
-            block[_RED + r] += _weighted_5(row, at, y)
-            block[_GREEN + r] += _weighted_5(row, at + 1, y)
-            block[_BLUE + r] += _weighted_5(row, at + 2, y)
-    if layout.coefficients > 9:
-        at += 15
-        for r in range(LANES):
-            y = block[_Y9 + r], block[_Y10 + r], block[_Y11 + r], block[_Y12 + r]
-            z = block[_Y13 + r], block[_Y14 + r], block[_Y15 + r]
-            block[_RED + r] += _weighted_4(row, at, y) + _weighted_3(row, at + 12, z)
-            block[_GREEN + r] += _weighted_4(row, at + 1, y) + _weighted_3(row, at + 13, z)
-            block[_BLUE + r] += _weighted_4(row, at + 2, y) + _weighted_3(row, at + 14, z)
-
-
-@inlined_code
-def _weighted_3(row, at, y):
-    """Harmonics times a channel's coefficients, three of them."""
-    return row[at] * y[0] + row[at + 3] * y[1] + row[at + 6] * y[2]
-
-
-@inlined_code
-def _weighted_4(row, at, y):
-    """Harmonics times a channel's coefficients, four of them."""
-    return _weighted_3(row, at, y) + row[at + 9] * y[3]
-
-
-@inlined_code
-def _weighted_5(row, at, y):
-    """Harmonics times a channel's coefficients, five of them."""
-    return _weighted_4(row, at, y) + row[at + 12] * y[4]
 
 
 @machine_code
@@ -231,17 +178,7 @@ def _sum_third(d_row, at, block, color):
 @machine_code
 def _add_tint_gradients(row, d_row, layout, block, rays):
     """Add the gradients of the tint; the rows of the colours become those of their gradients."""
-    for r in range(LANES):
-        block[_TINT_R + r], block[_TINT_G + r], block[_TINT_B + r] = _ZERO, _ZERO, _ZERO
-    for k in range(layout.keys):
-        at = layout.tint + 3 * k
-        red, green, blue = row[at], row[at + 1], row[at + 2]
-        copy_row(block, AT_KEYS + LANES * k, _KEY)
-        for r in range(LANES):
-            w = block[_KEY + r]
-            block[_TINT_R + r] += red * w
-            block[_TINT_G + r] += green * w
-            block[_TINT_B + r] += blue * w
+    blend_tints(row, layout, block)
     _split_by_tint(block, _RED, _TINT_R, AT_PIXEL)
     _split_by_tint(block, _GREEN, _TINT_G, _PIXEL_G)
     _split_by_tint(block, _BLUE, _TINT_B, _PIXEL_B)

@@ -39,7 +39,7 @@ _DX, _DY, _DZ = AT_DIRECTION, AT_DIRECTION + LANES, AT_DIRECTION + 2 * LANES
 
 
 @machine_code
-def add_gradients(row, d_row, march, block, weight, g_q):
+def add_gradients(row, d_row, march, block, used, hits):
     """Add the gradients of the rays' hits with a Gaussian to those of its row and of the rays.
 
     Args:
@@ -47,10 +47,12 @@ def add_gradients(row, d_row, march, block, weight, g_q):
         d_row: gradients of the row.
         march: inputs of the march.
         block: the block.
-        weight: weights of the Gaussian in the pixels of the rays; 0 for those that do not hit it.
-        g_q: gradients of the loss with respect to its squared distances q, for those that do.
+        used: which key states the rays have weights of.
+        hits: weights of the Gaussian in the pixels of the rays, 0 for those that do not hit it; and
+            gradients of the loss with respect to its squared distances q, for those that do.
     """
-    for r in range(len(weight)):
+    weight, g_q = hits
+    for r in range(LANES):
         block[AT_WEIGHT + r] = weight[r]
         block[AT_G_T + r] = weight[r] * block[AT_PIXEL + 3 * LANES + r]
         block[AT_G_Q + r] = g_q[r] if weight[r] > _ZERO else _ZERO
@@ -61,9 +63,9 @@ def add_gradients(row, d_row, march, block, weight, g_q):
     add_color_gradients(row, d_row, layout, block, rays)
     # Numba compiles two versions: None leaves out what is for the rays alone.
     if layout.keys > 1 and rays:
-        add_blended_gradients(row, d_row, layout, block, True)
+        add_blended_gradients(row, d_row, layout, block, used, True)
     elif layout.keys > 1:
-        add_blended_gradients(row, d_row, layout, block, None)
+        add_blended_gradients(row, d_row, layout, block, used, None)
     elif rays:
         _add_meeting_gradients(row, d_row, layout, block, True)
     else:

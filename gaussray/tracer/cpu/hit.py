@@ -9,11 +9,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gaussray.runtime.machine_code import inlined_code, machine_code
+from gaussray.runtime.machine_code import machine_code
 from gaussray.scene.harmonics import C0, C1, C2, C3
 
 
-_ZERO, _HALF, _ONE = (np.float32(x) for x in (0, 0.5, 1))
+_ZERO, _ONE = np.float32(0), np.float32(1)
 _TWO, _THREE, _FOUR = (np.float32(x) for x in (2, 3, 4))
 _INFINITY = np.float32(np.inf)
 _C0, _C1 = np.float32(C0), np.float32(C1)
@@ -81,16 +81,6 @@ def time_distance(age, rate, plateau):
     """
     beyond = abs(age) - plateau
     return (beyond if beyond > _ZERO else _ZERO) * rate
-
-
-@machine_code
-def _blend_three(row, layout, w, first, step):
-    """Three columns of every key state, from `first` on and `step` apart, blended for a ray."""
-    x, y, z = _ZERO, _ZERO, _ZERO
-    for k in range(layout.keys):
-        weight, at = w[k], first + step * k
-        x, y, z = x + weight * row[at], y + weight * row[at + 1], z + weight * row[at + 2]
-    return x, y, z
 
 
 @machine_code
@@ -175,31 +165,3 @@ def harmonics_of(d, coefficients, y):
         y[13] = -_C3C * x * (_FOUR * z * z - x * x - v * v)
         y[14] = _C3E * z * (x * x - v * v)
         y[15] = -_C3A * x * (x * x - _THREE * v * v)
-
-
-@inlined_code
-def color_of(row, layout, w, y):
-    """Linear colour and tint of a Gaussian on a ray, both before negative values are set to 0.
-
-    Args:
-        row: row of the Gaussian.
-        layout: columns of the row.
-        w: weights of the control points on the ray; only a tint needs them.
-        y: harmonics of the ray's direction.
-    """
-    r, g, b, at = _HALF, _HALF, _HALF, layout.harmonics
-    for k in range(layout.coefficients):
-        r += y[k] * row[at]
-        g += y[k] * row[at + 1]
-        b += y[k] * row[at + 2]
-        at += 3
-    tint = (_ONE, _ONE, _ONE)
-    if layout.tint >= 0:
-        tint = _blend_three(row, layout, w, layout.tint, 3)
-    return (r, g, b), tint
-
-
-@machine_code
-def clamp_positive(v):
-    """A vector with negative components set to 0."""
-    return max(v[0], _ZERO), max(v[1], _ZERO), max(v[2], _ZERO)

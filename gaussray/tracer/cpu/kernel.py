@@ -14,28 +14,37 @@ from gaussray.runtime.machine_code import (
     allocating_code,
     flat_floats,
     floats,
-    inlined_code,
     integers,
     machine_code,
     operand,
     result,
 )
 from gaussray.runtime.threads import call_frame, next_piece
-from gaussray.tracer.cpu.block import LANES, begin_block, new_block
+from gaussray.tracer.cpu.block import (
+    AT_G_Q,
+    AT_MATRIX,
+    AT_PIXEL,
+    AT_WEIGHT,
+    LANES,
+    fill_pixel_gradients,
+)
 from gaussray.tracer.cpu.bundle import (
     RayArrays,
-    begin_ray,
     find_hits,
     hit_buffers,
     list_range,
     march_inputs,
-    pop_nearest,
 )
 from gaussray.tracer.cpu.gradient import add_gradients, end_block
-from gaussray.tracer.cpu.hit import clamp_positive, color_of
 
 
 _ZERO, _HALF, _ONE = (np.float32(x) for x in (0, 0.5, 1))
+# Rows of a block while its rays are blended, after all entries are met: the transmittance in front,
+# and what was blended of the pixel; distance, alpha and light of a hit.
+_FRONT, _RED, _GREEN, _BLUE, _DEPTH, _MET = (AT_MATRIX + LANES * k for k in range(6))
+_T, _ALPHA, _LIGHT_R, _LIGHT_G, _LIGHT_B = (AT_MATRIX + LANES * k for k in range(6, 11))
+# What a ray receives behind its hits so far, weighted by the gradients of its pixel.
+_REST = _RED
 
 
 @allocating_code
@@ -53,40 +62,64 @@ def forward_bundles(shared):
         bundle = next_piece(shared)
         if bundle >= len(march.start):
             return
-        find_hits(march, buffers, bundle)
-        for r in range(march.each):
-            _blend_ray(march, buffers, seen, bundle, r)
-
-
-@inlined_code
-def _next_hit(march, buffers, bundle, r):
-    """The nearest hit of a ray that was not taken yet: its list entry, alpha and light."""
-    e = pop_nearest(buffers, r)
-    row = march.table[march.index[march.start[bundle] + e]]
-    alpha = min(buffers.alpha[r // LANES, e, r % LANES], march.alpha_max)
-    color, tint = color_of(row, march.layout, buffers.weights, buffers.harmonics)
-    color, tint = clamp_positive(color), clamp_positive(tint)
-    return e, alpha, (color[0] * tint[0], color[1] * tint[1], color[2] * tint[2])
+        for begin in range(0, march.each, LANES):
+            _blend_block(march, buffers, seen, bundle, begin)
 
 
 @machine_code
-def _blend_ray(march, buffers, seen, bundle, r):
-    """Blend the hits of a ray, and store its channels, transmittance and number of hits."""
+def _take_hits(buffers, n):
+    """Write what the n-th hits of all rays have: distance, alpha, light."""
+    block, alpha, light = buffers.block, buffers.alpha, buffers.light
+    width = light.shape[1] // 3
+    for r in range(LANES):
+        own = min(r, width - 1)
+        hit = buffers.hits[n, r]
+        e = hit & 0xFFFFFFFF
+        buffers.bits[_T + r] = np.uint32(hit >> 32)
+        block[_ALPHA + r] = alpha[e, r]
+        block[_LIGHT_R + r] = light[e, own]
+        block[_LIGHT_G + r] = light[e, width + own]
+        block[_LIGHT_B + r] = light[e, 2 * width + own]
+
+
+@machine_code
+def _blend_block(march, buffers, seen, bundle, begin):
+    """Blend the hits of the rays of a block, and store their channels, transmittance and number of
+    hits."""
     channels, end, hits = seen
-    i, met = begin_ray(march, buffers, bundle, r), 0
-    t, lane, front = buffers.t[r // LANES], r % LANES, _ONE
-    red, green, blue, depth = _ZERO, _ZERO, _ZERO, _ZERO
-    while met < buffers.length[r] and front > march.transmittance_min:
-        e, alpha, light = _next_hit(march, buffers, bundle, r)
-        met += 1
+    most, block = find_hits(march, buffers, bundle, begin), buffers.block
+    for r in range(LANES):
+        block[_FRONT + r], block[_MET + r], block[_DEPTH + r] = _ONE, _ZERO, _ZERO
+        block[_RED + r], block[_GREEN + r], block[_BLUE + r] = _ZERO, _ZERO, _ZERO
+    for n in range(most):
+        _take_hits(buffers, n)
+        if not _blend_hits(block, march.alpha_max, march.transmittance_min):
+            break
+    i = bundle * march.each + begin
+    for r in range(min(LANES, march.each - begin)):
+        channels[0, i + r], channels[1, i + r] = block[_RED + r], block[_GREEN + r]
+        channels[2, i + r], channels[3, i + r] = block[_BLUE + r], block[_DEPTH + r]
+        end[i + r], hits[i + r] = block[_FRONT + r], np.int32(block[_MET + r])
+
+
+@machine_code
+def _blend_hits(block, alpha_max, transmittance_min):
+    """Blend a hit of every ray whose light is not spent, and return whether there was one."""
+    some = False
+    for r in range(LANES):
+        front, t = block[_FRONT + r], block[_T + r]
+        # What stands for no hit has a distance that is not a number.
+        blends = (t == t) & (front > transmittance_min)
+        alpha = min(block[_ALPHA + r], alpha_max)
         weight = front * alpha
-        red += weight * light[0]
-        green += weight * light[1]
-        blue += weight * light[2]
-        depth += weight * t[e, lane]
-        front *= _ONE - alpha
-    channels[0, i], channels[1, i], channels[2, i], channels[3, i] = red, green, blue, depth
-    end[i], hits[i] = front, met
+        block[_RED + r] += weight * block[_LIGHT_R + r] if blends else _ZERO
+        block[_GREEN + r] += weight * block[_LIGHT_G + r] if blends else _ZERO
+        block[_BLUE + r] += weight * block[_LIGHT_B + r] if blends else _ZERO
+        block[_DEPTH + r] += weight * t if blends else _ZERO
+        block[_FRONT + r] = front * (_ONE - alpha) if blends else front
+        block[_MET + r] += _ONE if blends else _ZERO
+        some |= blends
+    return some
 
 
 class PixelGradients(NamedTuple):
@@ -106,28 +139,56 @@ class PixelGradients(NamedTuple):
 
 
 @machine_code
-def _alpha_gradients(march, buffers, pixels, found, bundle, r):
-    """Take a ray through its hits once more, for the gradients of their alphas.
+def _alpha_gradients(march, buffers, pixels, found, bundle, begin):
+    """Take the rays of a block through their hits once more, for the gradients of their alphas.
 
-    The weights of its hits are stored, and in place of their alphas the gradients to their squared
-    distances q; and which entries are met.
+    The weights of their hits are stored, and in place of their alphas the gradients to their
+    squared distances q; and which entries are met.
     """
     weight, met = found
-    t, raw, lane = buffers.t[r // LANES], buffers.alpha[r // LANES], r % LANES
-    i = begin_ray(march, buffers, bundle, r)
-    red, green, blue, depth = pixels.g[0, i], pixels.g[1, i], pixels.g[2, i], pixels.g[3, i]
-    rest = red * pixels.total[0, i] + green * pixels.total[1, i] + blue * pixels.total[2, i]
-    rest += depth * pixels.total[3, i] + pixels.g_end[i] * pixels.end[i]
-    front, at = _ONE, 0
-    while at < buffers.length[r] and front > march.transmittance_min:
-        e, alpha, light = _next_hit(march, buffers, bundle, r)
-        at += 1
-        received = red * light[0] + green * light[1] + blue * light[2] + depth * t[e, lane]
-        rest -= front * alpha * received
+    most, block = find_hits(march, buffers, bundle, begin), buffers.block
+    count, i = min(LANES, march.each - begin), bundle * march.each + begin
+    fill_pixel_gradients(block, pixels.g, i, count)
+    for r in range(LANES):
+        block[_FRONT + r], block[_REST + r] = _ONE, _ZERO
+    for r in range(count):
+        rest = pixels.g_end[i + r] * pixels.end[i + r]
+        for c in range(4):
+            rest += block[AT_PIXEL + LANES * c + r] * pixels.total[c, i + r]
+        block[_REST + r] = rest
+    for n in range(most):
+        _take_hits(buffers, n)
+        if not _split_hits(block, march.alpha_max, march.transmittance_min):
+            break
+        for r in range(LANES):
+            # The entry that stands for none takes what is not blended.
+            e = buffers.hits[n, r] & 0xFFFFFFFF if block[_MET + r] > _ZERO else march.longest
+            weight[e, r], met[e] = block[AT_WEIGHT + r], True
+            buffers.alpha[e, r] = block[AT_G_Q + r]
+
+
+@machine_code
+def _split_hits(block, alpha_max, transmittance_min):
+    """Gradients of a hit of every ray whose light is not spent: its weight, the gradient to its
+    squared distance q, and whether it is blended; return whether one is."""
+    some = False
+    for r in range(LANES):
+        front, t = block[_FRONT + r], block[_T + r]
+        blends = (t == t) & (front > transmittance_min)
+        alpha = min(block[_ALPHA + r], alpha_max)
+        received = block[AT_PIXEL + r] * block[_LIGHT_R + r]
+        received += block[AT_PIXEL + LANES + r] * block[_LIGHT_G + r]
+        received += block[AT_PIXEL + 2 * LANES + r] * block[_LIGHT_B + r]
+        received += block[AT_PIXEL + 3 * LANES + r] * t
+        rest = block[_REST + r] - front * alpha * received
         d_alpha = front * received - rest / (_ONE - alpha)
-        weight[e, r], met[e] = front * alpha, True
-        raw[e, lane] = -_HALF * alpha * d_alpha if alpha < march.alpha_max else _ZERO
-        front *= _ONE - alpha
+        block[AT_WEIGHT + r] = front * alpha
+        block[AT_G_Q + r] = -_HALF * alpha * d_alpha if alpha < alpha_max else _ZERO
+        block[_REST + r] = rest if blends else block[_REST + r]
+        block[_FRONT + r] = front * (_ONE - alpha) if blends else front
+        block[_MET + r] = _ONE if blends else _ZERO
+        some |= blends
+    return some
 
 
 @allocating_code
@@ -153,36 +214,30 @@ def backward_bundles(shared):
         floats(result(frame, 4)),
     )
     part, buffers = floats(result(frame, 5)), hit_buffers(march)
-    block = new_block(march.layout.keys)
-    weight = np.empty((march.longest, march.each), np.float32)
-    met = np.empty(march.longest, np.bool_)
+    weight = np.empty((march.longest + 1, LANES), np.float32)
+    met = np.empty(march.longest + 1, np.bool_)
     while True:
         bundle = next_piece(shared)
         if bundle >= len(march.start):
             return
-        find_hits(march, buffers, bundle)
         first, last = list_range(march, bundle)
         part[first:last] = _ZERO
-        weight[: last - first] = _ZERO
-        met[: last - first] = False
-        for r in range(march.each):
-            _alpha_gradients(march, buffers, pixels, (weight, met), bundle, r)
         for begin in range(0, march.each, LANES):
-            count, i = min(LANES, march.each - begin), bundle * march.each + begin
-            begin_block(block, march.layout, march.rays, pixels.g, i, count)
-            _add_entries(march, buffers, block, (weight, met, part), bundle, begin)
+            weight[: last - first] = _ZERO
+            met[: last - first] = False
+            _alpha_gradients(march, buffers, pixels, (weight, met), bundle, begin)
+            _add_entries(march, buffers, (weight, met, part), bundle)
             if march.differentiates_rays:
-                end_block(block, march.layout, d_rays, i, count)
+                count, i = min(LANES, march.each - begin), bundle * march.each + begin
+                end_block(buffers.block, march.layout, d_rays, i, count)
 
 
 @machine_code
-def _add_entries(march, buffers, block, found, bundle, begin):
-    """Add the gradients of the rays of a block, from number `begin` of a bundle on."""
+def _add_entries(march, buffers, found, bundle):
+    """Add the gradients of the rays of a block to those of the entries of the bundle's list."""
     weight, met, part = found
     first, last = list_range(march, bundle)
-    count = min(LANES, march.each - begin)
     for e in range(last - first):
         if met[e]:
-            row, d_row = march.table[march.index[first + e]], part[first + e]
-            own, g_q = weight[e, begin : begin + count], buffers.alpha[begin // LANES, e, :count]
-            add_gradients(row, d_row, march, block, own, g_q)
+            row, hits = march.table[march.index[first + e]], (weight[e], buffers.alpha[e])
+            add_gradients(row, part[first + e], march, buffers.block, buffers.used, hits)

@@ -1,17 +1,23 @@
-"""The rays of a bundle side by side, and how all of them meet one Gaussian, in machine code for a
-CPU.
-
-Numbers of rays are in one array in rows of `LANES` numbers at known places, as in cpu/block.py: so
-the compiler turns loops over the lanes into vector instructions. Lanes without a ray have direction
-zero, which meets nothing.
-"""
+"""How the rays of a block (cpu/block.py) meet one Gaussian, in machine code for a CPU."""
 
 import math
 
 import numpy as np
 
-from gaussray.runtime.machine_code import allocating_code, inlined_code, machine_code, power_of_two
-from gaussray.tracer.cpu.block import AT_DIRECTION, AT_ORIGIN, AT_TIME, LANES
+from gaussray.runtime.machine_code import inlined_code, machine_code, power_of_two
+from gaussray.tracer.cpu.block import (
+    AT_COLOR,
+    AT_DIRECTION,
+    AT_KEYS,
+    AT_MATRIX,
+    AT_MEAN,
+    AT_ORIGIN,
+    AT_Q,
+    AT_T,
+    AT_TIME,
+    LANES,
+    copy_row,
+)
 from gaussray.tracer.cpu.hit import inverse_of, matrix_of, meet_ray, time_distance
 
 
@@ -24,144 +30,158 @@ _P0, _P1, _P2, _P3, _P4, _P5, _P6, _P7 = (
     np.float32(math.log(2) ** k / math.factorial(k)) for k in range(8)
 )
 
-# Rows of `LANES` rays: origin, direction and time (cpu/block.py); distances t and q to a Gaussian;
-# then weights of key states.
-AT_T, AT_Q, _AT_KEYS = (LANES * n for n in (7, 8, 9))
-# Rows of what key states are blended to: a matrix and a mean. They have an array of their own, so
-# that the compiler knows that they do not overlap with the rays.
-BLENDED = 12
-
-
-@allocating_code
-def new_lanes(keys):
-    """Room for `LANES` rays with so many key states."""
-    return np.zeros(_AT_KEYS + LANES * keys, np.float32)
+# Rows of the matrix and the mean as rays meet them, in halves, and the weights of one key state.
+_MATRIX_ROWS, _OTHER_ROWS = (
+    tuple(first + LANES * c for c in range(6)) for first in (AT_MATRIX, AT_MATRIX + 6 * LANES)
+)
+_KEY = AT_COLOR
+_MX, _MY, _MZ = AT_MEAN, AT_MEAN + LANES, AT_MEAN + 2 * LANES
 
 
 @machine_code
-def fill_lanes(lanes, used, layout, rays, first, count):
-    """Put rays side by side.
-
-    Args:
-        lanes: the room for them.
-        used: array that receives, for each key state, whether a ray has a weight of it.
-        layout: columns of the rows of Gaussians.
-        rays: origins, directions, weights of key states and times of all rays.
-        first: index of the first ray.
-        count: number of rays, at most `LANES`.
-    """
-    lanes[:] = _ZERO
-    for c in range(3):
-        for r in range(count):
-            lanes[AT_ORIGIN + LANES * c + r] = rays.origin[c, first + r]
-            lanes[AT_DIRECTION + LANES * c + r] = rays.direction[c, first + r]
-    for r in range(count):
-        lanes[AT_TIME + r] = rays.time[0, first + r]
-    for k in range(layout.keys):
-        used[k] = False
-        for r in range(count):
-            weight = rays.weights[k, first + r]
-            lanes[_AT_KEYS + LANES * k + r] = weight
-            used[k] |= weight != _ZERO
-
-
-@machine_code
-def meet_lanes(lanes, used, blended, layout, row):
+def meet_lanes(block, used, layout, row):
     """Distance t of the peak of a Gaussian along every ray, and squared distance q there
     (`meet_ray`), in space and time; they are stored at `AT_T` and `AT_Q`.
 
     Args:
-        lanes: the rays (`fill_lanes`).
+        block: the rays (`begin_block`).
         used: which key states they have weights of.
-        blended: room for the Gaussian as each ray blends it: `BLENDED` rows of `LANES` numbers.
         layout: columns of the row.
         row: row of the Gaussian.
     """
     if layout.keys > 1:
-        _meet_blended(lanes, used, blended, layout, row)
+        blend_states(block, used, layout, row)
+        _meet_blended(block, layout, row)
     elif layout.window < 0:
         a, m = matrix_of(row), (row[9], row[10], row[11])
         for r in range(LANES):
-            lanes[AT_T + r], lanes[AT_Q + r] = meet_ray(
-                a, m, _origin(lanes, r), _direction(lanes, r)
+            block[AT_T + r], block[AT_Q + r] = meet_ray(
+                a, m, _origin(block, r), _direction(block, r)
             )
     else:
         a, m, w = matrix_of(row), (row[9], row[10], row[11]), layout.window
         v, instant = (row[w], row[w + 1], row[w + 2]), row[w + 3]
         rate, plateau = row[w + 4], row[w + 5]
         for r in range(LANES):
-            age, o = lanes[AT_TIME + r] - instant, _origin(lanes, r)
+            age, o = block[AT_TIME + r] - instant, _origin(block, r)
             o = (o[0] - age * v[0], o[1] - age * v[1], o[2] - age * v[2])
             s = time_distance(age, rate, plateau)
-            lanes[AT_T + r], space = meet_ray(a, m, o, _direction(lanes, r))
-            lanes[AT_Q + r] = space + s * s
+            block[AT_T + r], space = meet_ray(a, m, o, _direction(block, r))
+            block[AT_Q + r] = space + s * s
 
 
 @inlined_code
-def _origin(lanes, r):
+def _origin(block, r):
     at = AT_ORIGIN + r
-    return lanes[at], lanes[at + LANES], lanes[at + 2 * LANES]
+    return block[at], block[at + LANES], block[at + 2 * LANES]
 
 
 @inlined_code
-def _direction(lanes, r):
+def _direction(block, r):
     at = AT_DIRECTION + r
-    return lanes[at], lanes[at + LANES], lanes[at + 2 * LANES]
+    return block[at], block[at + LANES], block[at + 2 * LANES]
 
 
 @machine_code
-def _meet_blended(lanes, used, blended, layout, row):
-    """`meet_lanes` of a Gaussian that has key states, which each ray blends by its weights."""
-    f, w = blended, layout.window
-    f[:] = _ZERO
-    for k in range(layout.keys):
-        if used[k]:
-            weights = lanes[_AT_KEYS + LANES * k : _AT_KEYS + LANES * (k + 1)]
-            for c in range(BLENDED):
-                value, column = row[BLENDED * k + c], f[c]
-                for r in range(LANES):
-                    column[r] += weights[r] * value
-    for r in range(LANES):
-        a = (f[0, r], f[1, r], f[2, r], f[3, r], f[4, r], f[5, r], f[6, r], f[7, r], f[8, r])
-        x, y, z, s = f[9, r], f[10, r], f[11, r], _ZERO
-        if w >= 0:
-            age = lanes[AT_TIME + r] - row[w + 3]
-            x, y, z = x + age * row[w], y + age * row[w + 1], z + age * row[w + 2]
-            s = time_distance(age, row[w + 4], row[w + 5])
-        lanes[AT_T + r], space = meet_ray(
-            inverse_of(a), (x, y, z), _origin(lanes, r), _direction(lanes, r)
-        )
-        lanes[AT_Q + r] = space + s * s
-
-
-@machine_code
-def respond_lanes(lanes, opacity):
-    """Replace the squared distances q (`meet_lanes`) by opacity times exp(-q / 2), to within three
-    roundings: as vectors, which Numba does not make of math.exp.
+def blend_states(block, used, layout, row):
+    """Blend the matrix and the mean of a Gaussian that has key states by the weights of each ray;
+    they are stored at `AT_MATRIX` and `AT_MEAN`.
 
     Args:
-        lanes: the rays.
+        block: the block.
+        used: which key states its rays have weights of.
+        layout: columns of the row.
+        row: row of the Gaussian.
+    """
+    for r in range(12 * LANES):
+        block[AT_MATRIX + r] = _ZERO
+    for k in range(layout.keys):
+        if used[k]:
+            copy_row(block, AT_KEYS + LANES * k, _KEY)
+            _add_state(row, 12 * k, block, _MATRIX_ROWS)
+            _add_state(row, 12 * k + 6, block, _OTHER_ROWS)
+
+
+@inlined_code
+def _add_state(row, at, block, rows):
+    """Add what a key state has of six numbers of the matrix and the mean, by each ray's weight."""
+    a, b, c, d, e, f = row[at], row[at + 1], row[at + 2], row[at + 3], row[at + 4], row[at + 5]
+    for r in range(LANES):
+        w = block[_KEY + r]
+        block[rows[0] + r] += a * w
+        block[rows[1] + r] += b * w
+        block[rows[2] + r] += c * w
+        block[rows[3] + r] += d * w
+        block[rows[4] + r] += e * w
+        block[rows[5] + r] += f * w
+
+
+@inlined_code
+def blended_matrix(block, r):
+    """The matrix that a ray blends (`blend_states`), row by row.
+
+    Args:
+        block: the block.
+        r: lane of the ray.
+    """
+    return (
+        block[AT_MATRIX + r],
+        block[AT_MATRIX + LANES + r],
+        block[AT_MATRIX + 2 * LANES + r],
+        block[AT_MATRIX + 3 * LANES + r],
+        block[AT_MATRIX + 4 * LANES + r],
+        block[AT_MATRIX + 5 * LANES + r],
+        block[AT_MATRIX + 6 * LANES + r],
+        block[AT_MATRIX + 7 * LANES + r],
+        block[AT_MATRIX + 8 * LANES + r],
+    )
+
+
+@machine_code
+def _meet_blended(block, layout, row):
+    """`meet_lanes` of a Gaussian that has key states, which each ray has blended."""
+    w = layout.window
+    for r in range(LANES):
+        x, y, z, s = block[_MX + r], block[_MY + r], block[_MZ + r], _ZERO
+        if w >= 0:
+            age = block[AT_TIME + r] - row[w + 3]
+            x, y, z = x + age * row[w], y + age * row[w + 1], z + age * row[w + 2]
+            s = time_distance(age, row[w + 4], row[w + 5])
+        block[AT_T + r], space = meet_ray(
+            inverse_of(blended_matrix(block, r)), (x, y, z), _origin(block, r), _direction(block, r)
+        )
+        block[AT_Q + r] = space + s * s
+
+
+@machine_code
+def store_alphas(block, opacity, alpha):
+    """Store opacity times exp(-q / 2) for the squared distances q of rays (`meet_lanes`), to within
+    three roundings: as vectors, which Numba does not make of math.exp.
+
+    Args:
+        block: the block.
         opacity: opacity of the Gaussian.
+        alpha: array that receives the result.
     """
     for r in range(LANES):
-        x = max(lanes[AT_Q + r] * _EXPONENT, _LEAST)
+        x = max(block[AT_Q + r] * _EXPONENT, _LEAST)
         shifted = x + _SHIFT
         x -= shifted - _SHIFT
         power = _P4 + x * (_P5 + x * (_P6 + x * _P7))
         power = _P0 + x * (_P1 + x * (_P2 + x * (_P3 + x * power)))
-        lanes[AT_Q + r] = opacity * power * power_of_two(shifted)
+        alpha[r] = opacity * power * power_of_two(shifted)
 
 
 @machine_code
-def met_lanes(lanes, limit):
+def met_lanes(block, limit):
     """Which lanes hit a Gaussian, after `meet_lanes`: bits of a number, the lowest for the first.
 
     Args:
-        lanes: the rays.
+        block: the rays.
         limit: squared reach of the Gaussian.
     """
     met = np.uint64(0)
     for r in range(LANES):
-        hit = (lanes[AT_Q + r] < limit) & (lanes[AT_T + r] > _ZERO)
+        hit = (block[AT_Q + r] < limit) & (block[AT_T + r] > _ZERO)
         met |= np.uint64(hit) << np.uint64(r)
     return met
