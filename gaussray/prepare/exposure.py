@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from gaussray.capture.picture_file import read_levels
 from gaussray.color import srgb_decode, srgb_encode
@@ -71,9 +71,6 @@ def exposure_gains(
 ) -> dict[str, tuple[Float[np.ndarray, "3"], int]]:
     """How much brighter each camera records the same points than the mean of all cameras.
 
-    A point's light is the mean over its cameras; a camera's gain is the median over its points;
-    both are found in turns.
-
     Args:
         placement: observations of the points by the cameras.
         levels: those of each observation (`observed_levels`), of which nearly black and nearly
@@ -84,33 +81,60 @@ def exposure_gains(
         fewer than `LEAST_SHARED` of these the gain is 0, or, where the whole picture is much darker
         than those of the other cameras, how much.
     """
-    seen = placement.model.observations
     names = [placement.pictures[name].camera for name in placement.model.pictures]
     cameras = {name: k for k, name in enumerate(dict.fromkeys(names))}
-    camera = np.array([cameras[name] for name in names], int)[seen.picture]
-    good = ((levels.observed > _DARK) & (levels.observed < _BRIGHT)).all(axis=1)
-    rows = np.flatnonzero(good)
-    light = np.log2(_TABLE[np.clip(levels.observed[rows].round().astype(int), 0, 255)])
-    point, camera = seen.point[rows], camera[rows]
-    shared = _shared(point, camera, len(placement.model.points))
-    light, point, camera = light[shared], point[shared], camera[shared]
-    gains = np.zeros((len(cameras), 3))
-    count = np.bincount(camera, minlength=len(cameras))
-    number = np.maximum(np.bincount(point, minlength=len(placement.model.points)), 1)
-    for _ in range(_ROUNDS):
-        free = light - gains[camera]
-        sums = [np.bincount(point, free[:, i], minlength=len(number)) for i in range(3)]
-        mean = np.stack(sums, axis=1) / number[:, None]
-        for k in range(len(cameras)):
-            if count[k] >= LEAST_SHARED:
-                gains[k] = np.median((light - mean[point])[camera == k], axis=0)
-        if (known := count >= LEAST_SHARED).any():
-            gains[known] -= gains[known].mean(axis=0)
+    gains, count = _gains(placement, levels, np.array([cameras[name] for name in names], int))
     dark = _darkness(levels.brightest, [n for n, k in cameras.items() if count[k] >= LEAST_SHARED])
     for name, k in cameras.items():
         if count[k] < LEAST_SHARED:
             gains[k] = dark.get(name, 0.0)
     return {name: (gains[k], int(count[k])) for name, k in cameras.items()}
+
+
+def picture_gains(
+    placement: Placement, levels: ObservedLevels
+) -> dict[str, Float[np.ndarray, "3"]]:
+    """How much brighter each picture of a camera on its way records the same points than the mean
+    of all, in stops; of photographs, too. Nothing where all cameras stand still.
+
+    Args:
+        placement: observations of the points by the pictures.
+        levels: those of each observation (`observed_levels`).
+    """
+    names = placement.model.pictures
+    if len({placement.pictures[name].camera for name in names}) == len(names):
+        return {}
+    gains, count = _gains(placement, levels, np.arange(len(names)))
+    return {name: gains[k] for k, name in enumerate(names) if count[k] >= LEAST_SHARED}
+
+
+def _gains(
+    placement: Placement, levels: ObservedLevels, owner: Int[np.ndarray, " pictures"]
+) -> tuple[Float[np.ndarray, "owners 3"], Int[np.ndarray, " owners"]]:
+    """How much brighter each owner of pictures records the same points than the mean of all, in
+    stops, and its number of observations; 0 with fewer than `LEAST_SHARED` of these.
+
+    A point's light is the mean over its owners; an owner's gain is the median over its points; both
+    are found in turns.
+    """
+    seen, owners = placement.model.observations, int(owner.max(initial=-1)) + 1
+    good = ((levels.observed > _DARK) & (levels.observed < _BRIGHT)).all(axis=1)
+    rows = np.flatnonzero(good)
+    light = np.log2(_TABLE[np.clip(levels.observed[rows].round().astype(int), 0, 255)])
+    point, own = seen.point[rows], owner[seen.picture[rows]]
+    shared = _shared(point, own, len(placement.model.points))
+    light, point, own = light[shared], point[shared], own[shared]
+    gains, count = np.zeros((owners, 3)), np.bincount(own, minlength=owners)
+    number = np.maximum(np.bincount(point, minlength=len(placement.model.points)), 1)
+    known = count >= LEAST_SHARED
+    for _ in range(_ROUNDS * bool(known.any())):
+        free = light - gains[own]
+        sums = [np.bincount(point, free[:, i], minlength=len(number)) for i in range(3)]
+        mean = np.stack(sums, axis=1) / number[:, None]
+        for k in np.flatnonzero(known):
+            gains[k] = np.median((light - mean[point])[own == k], axis=0)
+        gains[known] -= gains[known].mean(axis=0)
+    return gains, count
 
 
 def point_levels(placement: Placement, levels: ObservedLevels) -> np.ndarray:

@@ -16,13 +16,18 @@ from gaussray.prepare.colmap import pycolmap, quiet_colmap
 from gaussray.prepare.details import check_details
 from gaussray.prepare.epipolar import epipolar_pairs
 from gaussray.prepare.errors import PrepareError
-from gaussray.prepare.exposure import exposure_gains, observed_levels, point_levels
+from gaussray.prepare.exposure import (
+    exposure_gains,
+    observed_levels,
+    picture_gains,
+    point_levels,
+)
 from gaussray.prepare.facts import facts_of
 from gaussray.prepare.findings.cameras import camera_findings
 from gaussray.prepare.findings.clocks import sync_findings
 from gaussray.prepare.findings.doubtful_motion import doubtful_motion_findings
 from gaussray.prepare.findings.epipolar_lines import epipolar_findings
-from gaussray.prepare.findings.exposures import exposure_findings
+from gaussray.prepare.findings.exposures import exposure_findings, picture_exposure_findings
 from gaussray.prepare.findings.finding import Finding, merged_findings
 from gaussray.prepare.findings.lenses import lens_findings
 from gaussray.prepare.findings.points import point_findings
@@ -160,6 +165,7 @@ def _checked(
     found += point_findings(placement)
     found += epipolar_findings(placement, pairs)
     found += exposure_findings(gains, levels.clipped)
+    found += picture_exposure_findings(picture_gains(placement, levels))
     facts = facts_of(sources, sync, timeline, files, placement, pairs, gains, out)
     facts["findings"] = [finding._asdict() for finding in merged_findings(found)]
     write_json(out / FACTS_FILE, facts)

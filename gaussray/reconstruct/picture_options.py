@@ -8,13 +8,18 @@ import equinox as eqx
 from gaussray.reconstruct.data.backdrop import BackdropColor, backdrop_sentence
 from gaussray.reconstruct.data.contrast import contrast_of, cost_at_contrast
 from gaussray.reconstruct.data.pictures import Footage
+from gaussray.reconstruct.data.silhouettes import SILHOUETTES_SENTENCE
 from gaussray.reconstruct.optimize.density import DensityOptions
 from gaussray.reconstruct.options import ReconstructOptions
 from gaussray.tracer.bundle import FAN
 
 
 def options_for_pictures(
-    options: ReconstructOptions, footage: Footage, backdrop: BackdropColor | None
+    options: ReconstructOptions,
+    footage: Footage,
+    backdrop: BackdropColor | None,
+    *,
+    silhouettes: bool = False,
 ) -> tuple[ReconstructOptions, list[str]]:
     """The options that suit the pictures, and a sentence about each that users may wonder at.
 
@@ -22,8 +27,9 @@ def options_for_pictures(
         options: all options.
         footage: the training pictures.
         backdrop: the colour of what is behind everything; None: the pictures show a room.
+        silhouettes: whether masks cut a thing out (`are_silhouettes`).
     """
-    told = []
+    told = [SILHOUETTES_SENTENCE] * silhouettes
     if backdrop is not None:
         told.append(backdrop_sentence(backdrop))
         # What stands before it is all that there is.

@@ -19,6 +19,7 @@ from gaussray.reconstruct.data.loader import GrowingWindow, Loader
 from gaussray.reconstruct.data.motion_mask import moved_pixels
 from gaussray.reconstruct.data.pictures import stacked
 from gaussray.reconstruct.data.segments import Segment, training_views
+from gaussray.reconstruct.data.silhouettes import are_silhouettes
 from gaussray.reconstruct.data.still_cameras import still_camera_count
 from gaussray.reconstruct.data.training_pictures import training_pictures
 from gaussray.reconstruct.initialize.appearance import Shown
@@ -64,6 +65,8 @@ class Session:
         names: the names of all training cameras of the capture, sorted.
         extent: the scene's length unit, half the diagonal of the cameras' bounding box.
         cameras: what the training cameras have in common, and which of them took each picture.
+        backdrop: sRGB-encoded colour of what is behind everything; None: the pictures show a room.
+        silhouettes: whether masks cut a thing out, so that nothing is where they hide.
         activity: where the pictures change.
         shared: what fits of the same pictures have in common.
         held_out: the tiles that no step draws, None if there are none.
@@ -103,8 +106,11 @@ class Session:
             folder=log.out,
             report=self.progress_bar("read", len(part.views), patience=2.0).report,
         )
-        self.backdrop = backdrop_of(self.footage)
-        options, told = options_for_pictures(options, self.footage, self.backdrop)
+        self.silhouettes = options.loss.backdrop_opacity > 0 and are_silhouettes(views)
+        self.backdrop = None if self.silhouettes else backdrop_of(self.footage)
+        options, told = options_for_pictures(
+            options, self.footage, self.backdrop, silhouettes=self.silhouettes
+        )
         if not quiet and not self.is_continuation:
             for sentence in told:
                 # Once, also where trials of options come first.

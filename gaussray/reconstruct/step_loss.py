@@ -49,6 +49,7 @@ class StepOptions(eqx.Module):
         degree_interval: steps after which harmonics of the next degree begin to learn (`rates`).
         density: what opacity and scale cost, and the noise of positions.
         backdrop: sRGB-encoded colour of what is behind everything; None: the pictures show a room.
+        silhouettes: whether nothing is where masks hide (`data.silhouettes`).
         still: whether Gaussians that stand still are fitted to pictures in which things move: in
             the second half of the stage, pixels that differ much have no say.
         at_rest: whether control points began at rest: they learn at all times at once
@@ -65,6 +66,7 @@ class StepOptions(eqx.Module):
     degree_interval: int = eqx.field(static=True, default=0)
     density: DensityOptions = eqx.field(default_factory=DensityOptions)
     backdrop: BackdropColor | None = eqx.field(static=True, default=None)
+    silhouettes: bool = eqx.field(static=True, default=False)
     still: bool = eqx.field(static=True, default=False)
     at_rest: bool = eqx.field(static=True, default=False)
 
@@ -120,13 +122,16 @@ def loss_of(
     light = pixels.color
     if options.backdrop is not None:
         light = before_backdrop(light, pixels.transmittance, options.backdrop)
+    elif options.silhouettes:
+        light = before_backdrop(light, pixels.transmittance, _any_color(step))
     light = light if rays.weight is None else rays.weight[..., None] * light
     color = jnp.mean(light, axis=0)
     image = losses.developed(
         srgb_encode(color if gain is None else apply_color_response(gain, color)), truth
     )
     # Pixels for which the lens forms no ray do not count.
-    weight = weight * jnp.all(jnp.any(rays.direction != 0, axis=-1), axis=0)
+    formed = jnp.all(jnp.any(rays.direction != 0, axis=-1), axis=0)
+    hidden, weight = formed & (weight == 0), weight * formed
     image = jnp.where(weight[:, None] > 0, image, truth)
     judged = image
     if ignore_moving is not None:
@@ -135,8 +140,10 @@ def loss_of(
     terms = losses.terms(
         judged, truth, options=options.loss, side=batch.side, bundle=options.trace.bundle
     )
-    if options.loss.backdrop_opacity and options.backdrop is not None:
-        nothing = (weight > 0) & like_backdrop(truth, options.backdrop)
+    if options.loss.backdrop_opacity and (options.silhouettes or options.backdrop is not None):
+        nothing = hidden & options.silhouettes
+        if options.backdrop is not None:
+            nothing |= (weight > 0) & like_backdrop(truth, options.backdrop)
         opacity = 1 - jnp.mean(pixels.transmittance, axis=0)
         terms["backdrop_opacity"] = jnp.mean(jnp.where(nothing, opacity, 0))
     if parameters.deformation is not None:
@@ -149,6 +156,12 @@ def loss_of(
     terms["mse"] = jnp.sum((image - truth) ** 2) / (3 * jnp.maximum(jnp.sum(weight), 1))
     error = _tile_errors(image, truth, weight, batch)
     return total, LossDetails(terms, report, rays.origin.reshape(-1, 3), error)
+
+
+def _any_color(step: Int[Array, ""]) -> Float[Array, "3"]:
+    """Another colour behind everything in each step: a thing must be opaque to look the same before
+    all."""
+    return jax.random.uniform(jax.random.fold_in(jax.random.key(0), step), (3,))
 
 
 def _traced(

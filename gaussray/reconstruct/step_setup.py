@@ -55,6 +55,7 @@ def step_options(session: Session, stage: str) -> StepOptions:
         degree_interval=options.fit.degree_interval,
         density=options.density,
         backdrop=session.backdrop,
+        silhouettes=session.silhouettes,
         still=stage == "coarse" and session.still_first,
         at_rest=session.at_rest,
     )

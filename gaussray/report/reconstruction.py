@@ -33,20 +33,21 @@ def training_curves(out: Path) -> Section | None:
     if not log:
         return None
     step, borders = step_numbers(log)
-    psnr = Curve("training rays", step, _column(log, "psnr"))
+    psnr = Curve("tiles drawn", step, _column(log, "psnr"))
     names = [name for line in log for name in line if name not in _OTHER]
     terms = [Curve(TERMS.get(n, n), step, _column(log, n)) for n in dict.fromkeys(names)]
     pace, at = milliseconds_per_step(log, step)
     count = Curve("Gaussians", step, _column(log, "gaussians"))
     changes = np.ptp(count.y[np.isfinite(count.y)]) if np.isfinite(count.y).any() else 0
     drawn = [
-        chart("PSNR of training rays (dB)", [psnr], x_label="step", borders=borders),
+        chart("PSNR of the tiles drawn (dB)", [psnr], x_label="step", borders=borders),
         chart("loss terms", terms, x_label="step", log=True, borders=borders),
         chart("milliseconds per step", [Curve("ms", at, pace)], x_label="step", borders=borders),
         chart("Gaussians", [count], x_label="step", borders=borders) if changes else None,
     ]
-    words = "Each point is the mean over a block of steps. The time per step leaves out blocks in "
-    words += "which programs were compiled."
+    words = "Each point is the mean over a block of steps. Tiles are drawn more often where the "
+    words += "scene is worse, so their PSNR is below that of all training rays. The time per step "
+    words += "leaves out blocks in which programs were compiled."
     return Section("Training", [tag("div", drawn, class_="grid"), note(words)])
 
 

@@ -1,5 +1,7 @@
 """Brightness of the cameras, by the points that they share and by their pictures."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from gaussray.prepare.exposure import (
     ObservedLevels,
     exposure_gains,
     observed_levels,
+    picture_gains,
 )
 from gaussray.prepare.features import Keypoints, MatchingPicture
 from gaussray.prepare.placement import Placement
@@ -45,6 +48,20 @@ def test_gains_are_found_by_shared_points():
     assert [count for _, count in gains.values()] == [40, 40]
     np.testing.assert_allclose(gains["cam0"][0], -0.5, atol=0.05)
     np.testing.assert_allclose(gains["cam1"][0], 0.5, atol=0.05)
+
+
+def test_gains_of_pictures_are_found_where_a_camera_is_on_its_way():
+    placement = placed([40, 40, 40, 5])
+    gain = np.repeat([0.5, 1.0, 2.0, 1.0], [40, 40, 40, 5])
+    scene = np.linspace(0.1, 0.4, 40)[placement.model.observations.point]
+    levels = ObservedLevels(np.repeat(encoded((scene * gain)[:, None]), 3, axis=1), {}, {})
+    assert picture_gains(placement, levels) == {}
+    pictures = {name: replace(x, camera="phone") for name, x in placement.pictures.items()}
+    found = picture_gains(replace(placement, pictures=pictures), levels)
+    # One that shares too few points is unknown.
+    assert list(found) == ["0.png", "1.png", "2.png"]
+    for stops, expected in zip(found.values(), (-1, 0, 1), strict=True):
+        np.testing.assert_allclose(stops, expected, atol=0.05)
 
 
 @pytest.mark.parametrize(("brightest", "stops"), [(15.0, -5.4), (0.0, -9.3), (150.0, 0.0)])

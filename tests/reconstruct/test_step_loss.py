@@ -68,7 +68,7 @@ def test_every_term_has_the_weight_of_its_key():
     assert weights["l1"] == 0.8 and weights["dssim"] == 0.2 and weights["backdrop_opacity"] == 0.1
 
 
-def loss_before_black(opacity, loss, ignore_moving=None):
+def loss_before_black(opacity, loss, ignore_moving=None, *, visible=None, step=0, **other):
     """The loss and its terms of a picture that is black but for a corner, where a black Gaussian
     covers the middle."""
     side = 16
@@ -80,10 +80,11 @@ def loss_before_black(opacity, loss, ignore_moving=None):
         jnp.zeros((1, 1), jnp.int32),
         TIMES,
         jnp.asarray(truth)[None],
-        None,
+        None if visible is None else jnp.asarray(visible)[None, None],
     )
     trace = TraceOptions(bundle=8, k=8)
-    options = StepOptions(loss, OptimizerOptions(), trace, backdrop=(0.0, 0.0, 0.0))
+    other = other or {"backdrop": (0.0, 0.0, 0.0)}
+    options = StepOptions(loss, OptimizerOptions(), trace, **other)
     black = toy.gaussians(np.zeros((1, 3)), 0.3, 0.0)
     none = unconstrain(jax.tree.map(lambda x: x[:0], black))
     faded = dataclasses.replace(black, opacity=opacity[None])
@@ -97,7 +98,7 @@ def loss_before_black(opacity, loss, ignore_moving=None):
         camera,
         one,
         seen,
-        state.step,
+        state.step + step,
         options=options,
         sizes=sizes,
         ignore_moving=ignore_moving,
@@ -119,6 +120,33 @@ def test_what_is_black_before_a_black_backdrop_costs_its_opacity():
     expected = np.where(empty, np.asarray(alpha).reshape(-1)[places], 0).mean()
     assert expected > 0.03
     np.testing.assert_allclose(terms["backdrop_opacity"], expected, rtol=1e-4)
+
+
+def test_beside_a_silhouette_opacity_costs_and_colour_does_not():
+    loss, opacity = LossOptions(**NO_PLANES, backdrop_opacity=0.1), toy.single(0.6)
+    hidden = {"visible": np.zeros(16**2, bool)}
+    _, terms, _ = loss_before_black(opacity, loss, **hidden, silhouettes=True)
+    assert terms["l1"] == 0 and terms["backdrop_opacity"] > 0.03
+    # Masks that are no silhouettes leave open what is behind them.
+    value, terms, _ = loss_before_black(opacity, loss, **hidden, silhouettes=False)
+    assert value == 0 and "backdrop_opacity" not in terms
+
+
+def test_within_a_silhouette_another_colour_is_behind_in_each_step():
+    loss, whole = LossOptions(**NO_PLANES, backdrop_opacity=0.1), {"visible": np.ones(16**2, bool)}
+
+    def costs(opacity):
+        opacity = toy.single(opacity)
+        found = (
+            loss_before_black(opacity, loss, **whole, step=step, silhouettes=True)
+            for step in range(4)
+        )
+        return [float(value) for value, *_ in found]
+
+    faint, solid = np.array(costs(0.1)), np.array(costs(0.95))
+    assert len(np.unique(faint)) == 4
+    # What is black in the picture costs least if no light passes.
+    assert np.all(solid < faint)
 
 
 def test_nothing_else_makes_black_before_black_fade():

@@ -127,13 +127,17 @@ def _camera(name: str, lens: Path, pose: Path) -> KnownCamera:
 
 
 def _sections(path: Path) -> dict[str, list[float]]:
-    """The numbers behind each line that ends with a colon, by what it says in small letters."""
+    """The numbers behind each line that ends with a colon, by what it says in small letters; the
+    first of those that say the same. Lines that begin with # are remarks."""
     result: dict[str, list[float]] = {}
     own: list[float] = []
     for count, line in enumerate(read_text(path).decode("utf-8-sig", "replace").splitlines(), 1):
         text = line.strip()
+        if text.startswith("#"):
+            continue
         if text.endswith(":"):
-            own = result.setdefault(text[:-1].strip().lower(), [])
+            key = text[:-1].strip().lower()
+            own = [] if key in result else result.setdefault(key, [])
             continue
         try:
             own += [float(word) for word in re.sub(r"[\[\],;]", " ", text).split()]

@@ -15,6 +15,7 @@ STOPS = 0.15
 _CLIPPED = 0.25
 # Names that are listed, at most.
 _LISTED = 8
+_LOCK = "fit.refine=[exposure]; better: lock exposure and white balance when recording."
 
 
 def exposure_findings(
@@ -47,9 +48,30 @@ def exposure_findings(
     size = float(np.abs(known[worst]).max())
     if size > STOPS:
         text = f"{worst} differs from the mean of all cameras by up to {size:.2f} stops{but}"
-        remedy = "fit.refine=[exposure]; better: lock exposure and white balance when recording."
-        return [*findings, Finding("warn", "exposure", text, remedy)]
+        return [*findings, Finding("warn", "exposure", text, _LOCK)]
     return [*findings, Finding("good", "exposure", f"cameras agree to {size:.2f} stops{but}")]
+
+
+def picture_exposure_findings(gains: Mapping[str, np.ndarray]) -> list[Finding]:
+    """Differences of brightness between the pictures of cameras on their way: an exposure or a
+    white balance that a camera chooses for each.
+
+    Args:
+        gains: gain of each picture (`picture_gains`).
+    """
+    if len(gains) < 2:
+        return []
+    stops = np.stack(list(gains.values()))
+    size = float(np.abs(stops).max())
+    if size <= STOPS:
+        return [Finding("good", "exposure", f"pictures agree to {size:.2f} stops")]
+    light = dict(zip(gains, stops.mean(axis=1).tolist(), strict=True))
+    darkest, brightest = min(light, key=light.__getitem__), max(light, key=light.__getitem__)
+    text = (
+        f"pictures show the same points up to {np.ptp(stops, axis=0).max():.2f} stops apart in a "
+        f"channel ({darkest} is the darkest, {brightest} the brightest)"
+    )
+    return [Finding("warn", "exposure", text, _LOCK)]
 
 
 def _too_bright(name: str, share: float) -> Finding:

@@ -83,7 +83,9 @@ def like_backdrop(
 
 
 def before_backdrop(
-    color: Float[Array, "*rays 3"], transmittance: Float[Array, "*rays"], plain: BackdropColor
+    color: Float[Array, "*rays 3"],
+    transmittance: Float[Array, "*rays"],
+    plain: BackdropColor | Float[Array, "3"],
 ) -> Float[Array, "*rays 3"]:
     """Linear light of rays whose rest ends at a backdrop.
 
@@ -92,5 +94,5 @@ def before_backdrop(
         transmittance: share of the backdrop's light that passes.
         plain: sRGB-encoded colour of the backdrop.
     """
-    light = jnp.asarray(srgb_decode(np.array(plain)), color.dtype)
+    light = srgb_decode(jnp.asarray(plain, color.dtype))
     return color + transmittance[..., None] * light.reshape(*[1] * (color.ndim - 1), 3)

@@ -58,10 +58,12 @@ def division_sentence(capture: Capture, chosen: bool, frames: Sequence[int] = ()
         told = f"Fits all {fitted} pictures of a single camera. {_instants(capture, frames)}"
         return told.rstrip()
     if not held:
-        return (
+        between = _instants(capture, frames) if frames and frames[2] > 1 else ""
+        told = (
             f"Fits all {fitted} pictures. None is held out to score the scene; "
-            "capture.test=[CAMERA] holds out a camera."
+            f"capture.test=[CAMERA] holds out a camera. {between}"
         )
+        return told.rstrip()
     names = list(dict.fromkeys(view.camera_name for view in held))
     listed = ", ".join(names[:_NAMED]) + (", ..." if len(names) > _NAMED else "")
     why = "as capture.test says" if chosen else "as the capture's format or files say"
@@ -84,7 +86,7 @@ def _instants(capture: Capture, frames: Sequence[int]) -> str:
     """How instants are held out where a camera cannot be; empty if none is between fitted ones.
 
     Args:
-        capture: a capture of one camera.
+        capture: a capture.
         frames: first, last and step of the instants that are fitted; empty for all of them.
     """
     first, last, step = frames or (0, -1, 1)

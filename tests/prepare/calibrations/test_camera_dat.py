@@ -60,6 +60,14 @@ def test_poses_of_the_world_are_read_if_given_or_alone(tmp_path):
     assert np.array_equal(read_calibration(given).cameras[1].pose, POSES[1])
 
 
+def test_remarks_are_left_out_and_the_first_section_of_a_name_counts(tmp_path):
+    write(tmp_path, SHORT)
+    path = tmp_path / "rot_trans_c1.dat"
+    other = f"R:\n{rows(np.eye(3))}T:\n{rows(np.full((3, 1), 9.0))}"
+    path.write_text(f"{path.read_text()}\n#below is from camera 0 to camera 1\n{other}")
+    assert np.array_equal(read_calibration(tmp_path).cameras[1].pose, POSES[1])
+
+
 def test_a_camera_without_pose_is_left_out_and_one_alone_refused(tmp_path):
     write(tmp_path)
     (tmp_path / "camera2_rot_trans.dat").unlink()

@@ -3,7 +3,7 @@
 import numpy as np
 
 from gaussray.prepare.exposure import LEAST_SHARED
-from gaussray.prepare.findings.exposures import exposure_findings
+from gaussray.prepare.findings.exposures import exposure_findings, picture_exposure_findings
 
 
 NOT_COMPARED = (
@@ -58,3 +58,14 @@ def test_a_camera_whose_picture_is_clipped_is_told_unless_those_of_the_others_ar
     assert len(found(gains(0, a=0.0, b=0.0), a=0.4, b=0.4)) == 1
     # What can be compared is not too bright.
     assert len(found(gains(a=0.0, b=0.1), b=0.9)) == 1
+
+
+def test_pictures_of_a_camera_on_its_way_are_compared_channel_by_channel():
+    (good,) = picture_exposure_findings({"a": np.array([0.1, 0, 0]), "b": np.array([-0.1, 0, 0])})
+    assert good.level == "good" and good.text == "pictures agree to 0.10 stops"
+    (doubt,) = picture_exposure_findings(
+        {"a": np.array([0.1, 0, 0]), "b": np.zeros(3), "c": np.array([-0.1, 0.1, -0.3])}
+    )
+    assert doubt.level == "warn" and "0.30 stops apart" in doubt.text
+    assert "c is the darkest, a the brightest" in doubt.text and "[exposure]" in doubt.remedy
+    assert picture_exposure_findings({}) == []

@@ -45,6 +45,10 @@ def test_the_sentence_counts_pictures_and_names_cameras_reason_and_remedy(folder
     assert "as capture.test says" in division_sentence(divided(capture, 1), True)
     none = division_sentence(divided(capture, 0), False)
     assert none.startswith(f"Fits all {count} pictures.") and "capture.test=[CAMERA]" in none
+    assert "truth_frames" not in none
+    # What capture.frames leaves out can score it.
+    some = division_sentence(divided(capture, 0), False, [0, -1, 2])
+    assert some.startswith(none) and "truth_frames=[1,-1,2] evaluate.split=all" in some
 
 
 def test_of_a_single_camera_instants_are_held_out(folder):
