@@ -18,10 +18,12 @@ def path_of_frames(frames: Sequence[dict[str, Any]]) -> Trajectory:
         frames: entries of the manifest, in the order of time.
 
     Raises:
-        ValueError: The frames have different trajectories.
+        ValueError: The frames have different trajectories, or two still cameras one time.
     """
     blocks = [frame.get("trajectory") for frame in frames]
-    if any(block != blocks[0] for block in blocks):
+    times = {frame["time"] for frame in frames}
+    apart = blocks[0] is None and len(times) < len(frames)
+    if apart or any(block != blocks[0] for block in blocks):
         raise ValueError(
             f"{frames[0]['file_path']}: the frames of a sample must share one trajectory. Choose "
             "one camera for each sample with camera.names, or leave dataset.frames above 0."

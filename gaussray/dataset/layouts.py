@@ -22,12 +22,15 @@ from gaussray.geometry import BLENDER_AXES
 from gaussray.io.atomic import atomic_path
 from gaussray.io.safe.openimageio import oiio
 from gaussray.io.validate import set_fields
+from gaussray.runtime.output import listed_names
 
 
 # Frames of a sequence that the loader of Fastec-RS reads.
 _FASTEC_FRAMES = 34
 # Most frames of a sample that a layout takes; the others take all.
 _MOST_FRAMES = {"fastec_rs": _FASTEC_FRAMES, "carla_rs": CARLA_FRAMES}
+# Layouts with the path of a camera for each sample.
+_OF_ONE_CAMERA = ("euroc", "carla_rs", "tum")
 # TUM's levels of depth per unit; 0 is none.
 _TUM_STEPS = 5000
 # The labels that `dataset.layout` renders for a layout. All but tum's are needed.
@@ -58,8 +61,16 @@ def check_layout(layout: str, records: Sequence[FrameRecord], note: Callable[[st
         note: gets a line about frames that the layout leaves out, if there are any.
 
     Raises:
-        ValueError: The layout cannot describe the lens.
+        ValueError: The layout cannot describe the lens, or the sample has several cameras and the
+            layout takes one.
     """
+    names = list(dict.fromkeys(record.camera_name for record in records))
+    if layout in _OF_ONE_CAMERA and len(names) > 1:
+        got = listed_names(names, most=3)
+        raise ValueError(
+            f"dataset.layout={layout} takes samples of one camera, got {got} in one. Choose one "
+            "with camera.names, or leave dataset.frames above 0."
+        )
     if layout == "euroc":
         # The files describe the lens of the first frame.
         check_euroc_lens(records[0].camera.lens.record().keys, "dataset.layout")

@@ -274,6 +274,14 @@ def test_frames_that_a_layout_leaves_out_are_told(layout, most):
     assert told == [line]
 
 
+def test_layouts_with_a_path_take_one_camera_in_a_sample():
+    several = toy.records(toy.TIMES[:2], toy.CAMERAS[:2])
+    for layout in ("euroc", "carla_rs", "tum"):
+        with pytest.raises(ValueError, match=f"layout={layout} takes .* of one camera, got .*,"):
+            check_layout(layout, several, print)
+    check_layout("sintel", several, print)
+
+
 def test_depth_that_does_not_fit_is_none():
     depth = np.array([[13.107, 13.2, np.nan], [np.inf, 0.0, 1.0]])
     np.testing.assert_array_equal(depth_levels(depth), [[65535, 0, 0], [0, 0, 5000]])

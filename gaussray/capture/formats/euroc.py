@@ -130,6 +130,8 @@ def _pictures(folder: Path) -> dict[float, str]:
 
 def _sensor(path: Path) -> Keys:
     """The keys of a sensor.yaml."""
+    if not path.is_file():
+        raise CaptureError(f"{path}: is missing. It holds a camera's lens and its pose (T_BS).")
     if path.stat().st_size > _MOST_BYTES:
         raise CaptureError(f"{path}: must be at most {_MOST_BYTES:,} bytes, as a sensor's file is.")
     text = read_text(path).decode("utf-8-sig", "replace")

@@ -185,6 +185,14 @@ def test_a_sensor_of_any_size_and_numbers_ends_in_a_message(tmp_path, text, mess
         read_euroc(lay(tmp_path, text))
 
 
+def test_a_missing_sensor_file_is_named(tmp_path):
+    (lay(tmp_path) / "mav0/cam1/sensor.yaml").unlink()
+    with pytest.raises(
+        CaptureError, match=r"cam1/sensor.yaml: is missing. It holds a camera's lens"
+    ):
+        read_euroc(tmp_path)
+
+
 def test_two_pictures_of_one_time_are_refused(tmp_path):
     lay(tmp_path)
     picture = tmp_path / f"mav0/cam1/data/{FIRST}.png"
