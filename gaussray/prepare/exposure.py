@@ -7,6 +7,7 @@ from jaxtyping import Float, Int
 
 from gaussray.capture.picture_file import read_levels
 from gaussray.color import srgb_decode, srgb_encode
+from gaussray.prepare.placed_cameras import picture_name
 from gaussray.prepare.placement import Placement
 
 
@@ -95,17 +96,26 @@ def picture_gains(
     placement: Placement, levels: ObservedLevels
 ) -> dict[str, Float[np.ndarray, "3"]]:
     """How much brighter each picture of a camera on its way records the same points than the mean
-    of all, in stops; of photographs, too. Nothing where all cameras stand still.
+    of its camera's pictures, in stops, by `picture_name`; of photographs, too. Pictures with fewer
+    than `LEAST_SHARED` observations, and cameras that stand still, are left out.
 
     Args:
         placement: observations of the points by the pictures.
         levels: those of each observation (`observed_levels`).
     """
     names = placement.model.pictures
-    if len({placement.pictures[name].camera for name in names}) == len(names):
+    cameras = np.array([placement.pictures[name].camera for name in names])
+    if len(set(cameras.tolist())) == len(names):
         return {}
     gains, count = _gains(placement, levels, np.arange(len(names)))
-    return {name: gains[k] for k, name in enumerate(names) if count[k] >= LEAST_SHARED}
+    result = {}
+    for camera in dict.fromkeys(cameras.tolist()):
+        own = np.flatnonzero((cameras == camera) & (count >= LEAST_SHARED))
+        if len(own) > 1:
+            apart = gains[own] - gains[own].mean(axis=0)
+            for k, gain in zip(own.tolist(), apart, strict=True):
+                result[picture_name(placement.pictures[names[k]], placement)] = gain
+    return result
 
 
 def _gains(
@@ -127,12 +137,14 @@ def _gains(
     gains, count = np.zeros((owners, 3)), np.bincount(own, minlength=owners)
     number = np.maximum(np.bincount(point, minlength=len(placement.model.points)), 1)
     known = count >= LEAST_SHARED
+    order = np.argsort(own, kind="stable")
+    ends = np.cumsum(count)
     for _ in range(_ROUNDS * bool(known.any())):
         free = light - gains[own]
         sums = [np.bincount(point, free[:, i], minlength=len(number)) for i in range(3)]
-        mean = np.stack(sums, axis=1) / number[:, None]
+        off = (light - (np.stack(sums, axis=1) / number[:, None])[point])[order]
         for k in np.flatnonzero(known):
-            gains[k] = np.median((light - mean[point])[own == k], axis=0)
+            gains[k] = np.median(off[ends[k] - count[k] : ends[k]], axis=0)
         gains[known] -= gains[known].mean(axis=0)
     return gains, count
 

@@ -106,7 +106,9 @@ class Session:
             folder=log.out,
             report=self.progress_bar("read", len(part.views), patience=2.0).report,
         )
-        self.silhouettes = options.loss.backdrop_opacity > 0 and are_silhouettes(views)
+        self.silhouettes = options.loss.backdrop_opacity > 0 and self.shared.once(
+            "silhouettes", partial(are_silhouettes, views)
+        )
         self.backdrop = None if self.silhouettes else backdrop_of(self.footage)
         options, told = options_for_pictures(
             options, self.footage, self.backdrop, silhouettes=self.silhouettes

@@ -49,7 +49,8 @@ class StepOptions(eqx.Module):
         degree_interval: steps after which harmonics of the next degree begin to learn (`rates`).
         density: what opacity and scale cost, and the noise of positions.
         backdrop: sRGB-encoded colour of what is behind everything; None: the pictures show a room.
-        silhouettes: whether nothing is where masks hide (`data.silhouettes`).
+        silhouettes: whether nothing is where masks hide (`data.silhouettes`); there is no backdrop
+            then.
         still: whether Gaussians that stand still are fitted to pictures in which things move: in
             the second half of the stage, pixels that differ much have no say.
         at_rest: whether control points began at rest: they learn at all times at once
@@ -122,30 +123,32 @@ def loss_of(
     light = pixels.color
     if options.backdrop is not None:
         light = before_backdrop(light, pixels.transmittance, options.backdrop)
-    elif options.silhouettes:
-        light = before_backdrop(light, pixels.transmittance, _any_color(step))
     light = light if rays.weight is None else rays.weight[..., None] * light
-    color = jnp.mean(light, axis=0)
-    image = losses.developed(
-        srgb_encode(color if gain is None else apply_color_response(gain, color)), truth
-    )
+    color, through = jnp.mean(light, axis=0), jnp.mean(pixels.transmittance, axis=0)
+    color = color if gain is None else apply_color_response(gain, color)
     # Pixels for which the lens forms no ray do not count.
     formed = jnp.all(jnp.any(rays.direction != 0, axis=-1), axis=0)
     hidden, weight = formed & (weight == 0), weight * formed
-    image = jnp.where(weight[:, None] > 0, image, truth)
+
+    def visible(light: Float[Array, "rays 3"]) -> Float[Array, "rays 3"]:
+        developed = losses.developed(srgb_encode(light), truth)
+        return jnp.where(weight[:, None] > 0, developed, truth)
+
+    image = visible(color)
     judged = image
+    if options.silhouettes:
+        judged = visible(before_backdrop(color, through, _any_color(step)))
     if ignore_moving is not None:
         moved = losses.far_apart(image, truth, side=batch.side, bundle=options.trace.bundle)
-        judged = jnp.where((ignore_moving & moved)[:, None], truth, image)
+        judged = jnp.where((ignore_moving & moved)[:, None], truth, judged)
     terms = losses.terms(
         judged, truth, options=options.loss, side=batch.side, bundle=options.trace.bundle
     )
     if options.loss.backdrop_opacity and (options.silhouettes or options.backdrop is not None):
-        nothing = hidden & options.silhouettes
+        nothing = hidden
         if options.backdrop is not None:
-            nothing |= (weight > 0) & like_backdrop(truth, options.backdrop)
-        opacity = 1 - jnp.mean(pixels.transmittance, axis=0)
-        terms["backdrop_opacity"] = jnp.mean(jnp.where(nothing, opacity, 0))
+            nothing = (weight > 0) & like_backdrop(truth, options.backdrop)
+        terms["backdrop_opacity"] = jnp.mean(jnp.where(nothing, 1 - through, 0))
     if parameters.deformation is not None:
         terms |= regularizer.plane_terms(parameters.deformation.planes)
         control = parameters.deformation.control
@@ -160,7 +163,7 @@ def loss_of(
 
 def _any_color(step: Int[Array, ""]) -> Float[Array, "3"]:
     """Another colour behind everything in each step: a thing must be opaque to look the same before
-    all."""
+    each of them."""
     return jax.random.uniform(jax.random.fold_in(jax.random.key(0), step), (3,))
 
 

@@ -176,6 +176,6 @@ def screen_levels(path: Path, width: int, height: int) -> np.ndarray:
         width: columns that the file must have.
         height: rows that the file must have.
     """
-    if path.suffix == ".exr":
+    if path.suffix.lower() == ".exr":
         return srgb_levels(read_image(path, width, height))
     return read_levels(path, width, height)

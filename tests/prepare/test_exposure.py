@@ -56,12 +56,19 @@ def test_gains_of_pictures_are_found_where_a_camera_is_on_its_way():
     scene = np.linspace(0.1, 0.4, 40)[placement.model.observations.point]
     levels = ObservedLevels(np.repeat(encoded((scene * gain)[:, None]), 3, axis=1), {}, {})
     assert picture_gains(placement, levels) == {}
-    pictures = {name: replace(x, camera="phone") for name, x in placement.pictures.items()}
+    pictures = {
+        name: replace(x, camera="phone", instant=k)
+        for k, (name, x) in enumerate(placement.pictures.items())
+    }
     found = picture_gains(replace(placement, pictures=pictures), levels)
     # One that shares too few points is unknown.
-    assert list(found) == ["0.png", "1.png", "2.png"]
+    assert list(found) == ["phone 0", "phone 1", "phone 2"]
     for stops, expected in zip(found.values(), (-1, 0, 1), strict=True):
         np.testing.assert_allclose(stops, expected, atol=0.05)
+    # Each is compared with those of its own camera.
+    other = pictures | {"2.png": replace(pictures["2.png"], camera="other")}
+    found = picture_gains(replace(placement, pictures=other), levels)
+    np.testing.assert_allclose(np.stack(list(found.values()))[:, 0], [-0.5, 0.5], atol=0.05)
 
 
 @pytest.mark.parametrize(("brightest", "stops"), [(15.0, -5.4), (0.0, -9.3), (150.0, 0.0)])

@@ -284,7 +284,7 @@ def test_opacities_are_exponentials_but_for_roundings():
     assert np.all(alpha < 1e-37)
 
 
-@pytest.mark.parametrize("count", [0, 1, 2, 3, 7, 64, 100])
+@pytest.mark.parametrize("count", [0, 1, 2, 3, 7, 64, 100, 201])
 def test_every_lane_is_sorted(count):
     @numba.njit
     def sort(numbers, count):

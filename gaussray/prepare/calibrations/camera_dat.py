@@ -127,17 +127,19 @@ def _camera(name: str, lens: Path, pose: Path) -> KnownCamera:
 
 
 def _sections(path: Path) -> dict[str, list[float]]:
-    """The numbers behind each line that ends with a colon, by what it says in small letters; the
-    first of those that say the same. Lines that begin with # are remarks."""
+    """The numbers behind each line that ends with a colon, by what it says in small letters; of
+    those that say the same the first, if a remark (a line that begins with #) is between them."""
     result: dict[str, list[float]] = {}
     own: list[float] = []
+    remarked = False
     for count, line in enumerate(read_text(path).decode("utf-8-sig", "replace").splitlines(), 1):
         text = line.strip()
         if text.startswith("#"):
+            remarked = True
             continue
         if text.endswith(":"):
             key = text[:-1].strip().lower()
-            own = [] if key in result else result.setdefault(key, [])
+            own = [] if remarked and key in result else result.setdefault(key, [])
             continue
         try:
             own += [float(word) for word in re.sub(r"[\[\],;]", " ", text).split()]

@@ -2,6 +2,7 @@
 
 import dataclasses
 import re
+from collections import Counter
 from collections.abc import Collection, Sequence
 from pathlib import Path
 
@@ -219,8 +220,8 @@ def check_distinct_names(path: Path, names: Sequence[str]) -> None:
     Raises:
         PrepareError: Two have one name.
     """
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
+    twice, count = Counter(names).most_common(1)[0] if names else ("", 0)
+    if count > 1:
         raise PrepareError(
             f"{path}: each camera must have a name of its own, got {twice[:80]} twice. Change one."
         )

@@ -28,13 +28,14 @@ def camera_findings(placement: Placement) -> list[Finding]:
         for file, picture in placement.pictures.items()
         if file not in model.pictures and file not in placement.strays
     ]
+    more = " or ".join(more_matches(placement, missing))
     ways = [
         "Add cameras between their neighbours, or pictures with more texture",
-        *(f"for more matches, {one}" for one in more_matches(placement, missing)),
+        *([f"for more matches, {more}"] if more else []),
         lens_advice(placement),
-        "or give a calibration.",
+        "or give a calibration",
     ]
-    remedy = "; ".join(ways)
+    remedy = f"{'; '.join(ways)}."
     if found < max(2, REGISTERED * total):
         right = " that can be right" if placement.strays else ""
         text = f"only {found} of {total} pictures have a pose{right}"

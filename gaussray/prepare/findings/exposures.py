@@ -15,7 +15,9 @@ STOPS = 0.15
 _CLIPPED = 0.25
 # Names that are listed, at most.
 _LISTED = 8
+_CHANNELS = ("red", "green", "blue")
 _LOCK = "fit.refine=[exposure]; better: lock exposure and white balance when recording."
+_LOCK_ALONE = "Lock exposure and white balance when recording; a fit has one gain for each camera."
 
 
 def exposure_findings(
@@ -52,26 +54,35 @@ def exposure_findings(
     return [*findings, Finding("good", "exposure", f"cameras agree to {size:.2f} stops{but}")]
 
 
-def picture_exposure_findings(gains: Mapping[str, np.ndarray]) -> list[Finding]:
-    """Differences of brightness between the pictures of cameras on their way: an exposure or a
-    white balance that a camera chooses for each.
+def picture_exposure_findings(
+    gains: Mapping[str, np.ndarray], *, total: int, photographs: bool
+) -> list[Finding]:
+    """Differences of brightness between the pictures of a camera on its way: an exposure or a white
+    balance that it chooses for each.
 
     Args:
-        gains: gain of each picture (`picture_gains`).
+        gains: gain of each picture that was compared (`picture_gains`).
+        total: number of all pictures.
+        photographs: whether each picture is a camera of its own in the capture, as photographs are:
+            the fit has a gain for each camera.
     """
-    if len(gains) < 2:
+    if not gains:
         return []
     stops = np.stack(list(gains.values()))
-    size = float(np.abs(stops).max())
+    worst = int(np.abs(stops).max(axis=0).argmax())
+    size, channel = float(np.abs(stops[:, worst]).max()), _CHANNELS[worst]
+    left = total - len(gains)
+    but = f"; {left} of {total} pictures share too few points to be compared" if left else ""
     if size <= STOPS:
-        return [Finding("good", "exposure", f"pictures agree to {size:.2f} stops")]
-    light = dict(zip(gains, stops.mean(axis=1).tolist(), strict=True))
-    darkest, brightest = min(light, key=light.__getitem__), max(light, key=light.__getitem__)
+        text = f"pictures agree with the mean of their camera to {size:.2f} stops{but}"
+        return [Finding("good", "exposure", text)]
+    names = list(gains)
+    darkest, brightest = names[stops[:, worst].argmin()], names[stops[:, worst].argmax()]
     text = (
-        f"pictures show the same points up to {np.ptp(stops, axis=0).max():.2f} stops apart in a "
-        f"channel ({darkest} is the darkest, {brightest} the brightest)"
+        f"pictures of a camera differ from their mean by up to {size:.2f} stops of {channel} "
+        f"({darkest} is the darkest, {brightest} the brightest){but}"
     )
-    return [Finding("warn", "exposure", text, _LOCK)]
+    return [Finding("warn", "exposure", text, _LOCK if photographs else _LOCK_ALONE)]
 
 
 def _too_bright(name: str, share: float) -> Finding:

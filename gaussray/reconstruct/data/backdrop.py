@@ -14,6 +14,8 @@ from gaussray.reconstruct.data.pictures import Footage
 # A colour is a backdrop's if at least this share of all pixels at the pictures' borders differs
 # from it by no more than so much (of 1, in each channel; what is as near to it is backdrop, too).
 _SHARE, _EVEN = 0.5, 0.012
+# Share of these pixels that masks must leave to tell a backdrop.
+_VISIBLE = 0.1
 # Pictures whose borders are looked at.
 _LOOKED_AT = 32
 
@@ -35,8 +37,9 @@ def backdrop_of(footage: Footage) -> BackdropColor | None:
     edge = np.ones((footage.film.height, footage.film.width), bool)
     edge[1:-1, 1:-1] = False
     border, visible = footage.pictures(chosen)[:, edge], footage.masks(chosen)
+    least = _VISIBLE * border[..., 0].size
     border = border.reshape(-1, 3) if visible is None else border[visible[:, edge]]
-    if not len(border):
+    if len(border) < least:
         return None
     color = border.astype(np.float32) / footage.scale
     red, green, blue = np.median(color, axis=0).tolist()

@@ -179,7 +179,7 @@ def _warn_of_masks(visible: int, frames: int, camera: Camera) -> None:
     share = visible / (frames * camera.film.width * camera.film.height)
     if share < _FEW_VISIBLE:
         warnings.warn(
-            f"masks keep {100 * share:.2g} % of the training pixels; all others are ignored. White "
+            f"masks keep {100 * share:.2g} % of the training pixels; others do not count. White "
             "counts in a mask: invert the masks if they mark what is to be left out.",
             CaptureWarning,
             stacklevel=3,

@@ -4,60 +4,43 @@ from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Bool
+from scipy.ndimage import binary_erosion
 
 from gaussray.capture.capture import View
 from gaussray.capture.frames import visible_pixels
 from gaussray.capture.spread import evenly_spread
 
 
-# Masks cut something out if at least this share of the pixels at the pictures' borders is hidden,
-# and if they differ from picture to picture in more than so many pixels: what a lens leaves dark
-# is the same in all.
-_SHARE, _SAME = 0.5, 0.001
+# Masks cut something out if they hide at least this share of the rim of what all pictures together
+# show: pixels within so much of the picture's shorter side of what none shows. The rim of what a
+# lens shows, or of whole pictures that passers-by are hidden in, is seen in most of them.
+_SHARE, _RIM = 0.5, 0.03
 # Pictures whose masks are looked at.
 _LOOKED_AT = 32
 
 SILHOUETTES_SENTENCE = (
-    "Masks hide most of the pictures' border, and not the same pixels everywhere: they are taken "
-    "as silhouettes, and what they hide as empty (loss.backdrop_opacity=0 leaves it open)."
+    "Masks hide most of the rim of what all pictures together show: they are taken as silhouettes, "
+    "and what they hide as empty (loss.backdrop_opacity=0 leaves it open)."
 )
 
 
 def are_silhouettes(views: Sequence[View]) -> bool:
     """Whether the masks of views cut a thing out. Other masks hide passers-by, or what a lens
-    leaves dark: what is behind these is not known.
+    leaves dark: what is behind these is not known. Nor is what a margin hides, so views with
+    margins are none.
 
     Args:
-        views: the training views.
+        views: the training views, of one size.
     """
-    if not any(view.mask is not None or view.background == "mask" for view in views):
+    masked = any(view.mask is not None or view.background == "mask" for view in views)
+    if not masked or any(any(view.margin) for view in views):
         return False
-    chosen = evenly_spread(list(views), _LOOKED_AT)
-    shown = [visible_pixels(view) for view in chosen]
-    known = [_inside(view, mask.shape) for view, mask in zip(chosen, shown, strict=True)]
-    border = np.concatenate(
-        [mask[_edge(inside)] for mask, inside in zip(shown, known, strict=True)]
-    )
-    if np.mean(~border) < _SHARE:
-        return False
-    first = shown[0]
-    return any(
-        mask.shape != first.shape or np.mean((mask != first)[inside & known[0]]) > _SAME
-        for mask, inside in zip(shown[1:], known[1:], strict=True)
-    )
+    shown = np.stack([visible_pixels(view) for view in evenly_spread(list(views), _LOOKED_AT)])
+    rim = _rim(shown.any(axis=0))
+    return bool(rim.any() and np.mean(~shown[:, rim]) >= _SHARE)
 
 
-def _inside(view: View, shape: tuple[int, ...]) -> Bool[np.ndarray, "h w"]:
-    """The pixels of a view within its margin, of which the picture tells nothing."""
-    left, top, right, bottom = view.margin
-    inside = np.zeros(shape, bool)
-    inside[top : shape[0] - bottom, left : shape[1] - right] = True
-    return inside
-
-
-def _edge(inside: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
-    """The outermost pixels of a rectangle."""
-    rows, columns = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
-    edge = inside.copy()
-    edge[rows[0] + 1 : rows[-1], columns[0] + 1 : columns[-1]] = False
-    return edge
+def _rim(seen: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
+    """The outer pixels of a region."""
+    width = max(round(_RIM * min(seen.shape)), 1)
+    return seen & ~binary_erosion(seen, iterations=width)

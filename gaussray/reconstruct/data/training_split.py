@@ -58,12 +58,12 @@ def division_sentence(capture: Capture, chosen: bool, frames: Sequence[int] = ()
         told = f"Fits all {fitted} pictures of a single camera. {_instants(capture, frames)}"
         return told.rstrip()
     if not held:
-        between = _instants(capture, frames) if frames and frames[2] > 1 else ""
         told = (
             f"Fits all {fitted} pictures. None is held out to score the scene; "
-            f"capture.test=[CAMERA] holds out a camera. {between}"
+            "capture.test=[CAMERA] holds out a camera."
         )
-        return told.rstrip()
+        between = _instants(capture, frames) if frames and frames[2] > 1 else ""
+        return f"{told} Without that, {between}" if between else told
     names = list(dict.fromkeys(view.camera_name for view in held))
     listed = ", ".join(names[:_NAMED]) + (", ..." if len(names) > _NAMED else "")
     why = "as capture.test says" if chosen else "as the capture's format or files say"

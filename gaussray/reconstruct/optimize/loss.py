@@ -21,8 +21,8 @@ class LossOptions(eqx.Module):
     Args:
         l1: mean absolute difference of sRGB-encoded colours (4D-GRT: 1; 3DGS and 3DGRT: 0.8).
         dssim: 1 - SSIM of sRGB-encoded colours (4D-GRT: 0; 3DGS and 3DGRT: 0.2).
-        backdrop_opacity: mean opacity of the pixels that show a plain backdrop (`data.backdrop`) or
-            are beside a silhouette (`data.silhouettes`): what is there costs nothing else, and
+        backdrop_opacity: mean opacity of the pixels that show a plain backdrop (`data.backdrop`),
+            or that silhouettes hide (`data.silhouettes`): what is there costs nothing else, and
             hides things from other cameras.
         plane_variation: plane regulariser in space (`regularizer.plane_terms`).
         time_smoothness: plane regulariser in time.

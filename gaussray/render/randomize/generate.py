@@ -37,8 +37,6 @@ from gaussray.scene.segmented import Clip
 _RENDERERS = 8
 # How often a camera that stands in an object is drawn again.
 _OBSTRUCTED_REDRAWS = 100
-# Keys of the frames of a capture, which are drawn also where `sample` has no distribution.
-_FRAME_KEYS = ("camera.names", "camera.times")
 
 
 class Sample(NamedTuple):
@@ -86,26 +84,19 @@ def draw_sample(
         except ObstructedError as error:
             if attempt < max(options.redraws, _OBSTRUCTED_REDRAWS):
                 continue
-            remedy = (
-                " Change its distribution in sample, or draw places that are free, or allow such "
-                "cameras by dataset.clearance=0."
-            )
+            remedy = "Draw places that are free, or allow such cameras by dataset.clearance=0."
             raise _impossible(index, attempt, error, remedy) from error
         except ValueError as error:
             if attempt < options.redraws:
                 continue
-            varied = any(k not in _FRAME_KEYS and not k.endswith("seed") for k in values)
-            remedy = (
-                " Change its distribution in sample, or let dataset.redraws draw such samples "
-                "again."
-            ) * varied
+            remedy = "dataset.redraws draws such samples again."
             raise _impossible(index, attempt, error, remedy) from error
     raise AssertionError("there is at least one attempt")
 
 
 def _impossible(index: int, attempt: int, error: ValueError, remedy: str) -> ValueError:
     attempts = f" in {attempt + 1} attempts" if attempt else ""
-    return ValueError(f"sample {index} is impossible{attempts}: {error}{remedy}")
+    return ValueError(f"sample {index} is impossible{attempts}: {error} {remedy}")
 
 
 def generate_samples(

@@ -47,6 +47,9 @@ class ShutterOptions(eqx.Module):
         row_times: of a table, time of each row relative to the frame's time.
         trigger: delay of every chosen camera, in the order of camera.names or of the capture; one
             value is for all. It applies to any kind.
+
+    Raises:
+        ValueError: a time is not finite.
     """
 
     kind: str = eqx.field(static=True, default="keep")
@@ -58,6 +61,11 @@ class ShutterOptions(eqx.Module):
     first_field: str = eqx.field(static=True, default="even")
     row_times: tuple[float, ...] = eqx.field(static=True, default=())
     trigger: tuple[float, ...] = eqx.field(static=True, default=())
+
+    def __check_init__(self):
+        for key in ("readout", "row_step", "field_time", "exposure", "row_times", "trigger"):
+            remedy = "Give times in the capture's unit."
+            require(f"shutter.{key}", getattr(self, key), np.isfinite, "finite", remedy)
 
 
 def reads_rows_in_turn(options: ShutterOptions) -> bool:
@@ -126,13 +134,9 @@ def _new_shutter(film: Film, options: ShutterOptions) -> Shutter:
 
 
 def _check_keys(options: ShutterOptions) -> None:
-    """Raise a ValueError for an unknown kind, an infinite time, or a key that the kind does not
-    use."""
+    """Raise a ValueError for an unknown kind, or a key that the kind does not use."""
     if options.kind not in SHUTTERS:
         raise ValueError(f"shutter.kind must be {', '.join(SHUTTERS)}, got {options.kind!r}.")
-    remedy = "Give a time in the capture's unit."
-    for key in ("readout", "row_step", "field_time", "exposure"):
-        require(f"shutter.{key}", getattr(options, key), np.isfinite, "finite", remedy)
     for key, kinds in _KINDS_OF_KEY.items():
         if getattr(options, key) and options.kind not in kinds:
             raise ValueError(

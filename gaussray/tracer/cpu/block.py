@@ -24,7 +24,7 @@ AT_ORIGIN, AT_DIRECTION, AT_TIME, AT_HARMONICS, AT_PIXEL = (LANES * n for n in (
 AT_WEIGHT, AT_T, AT_Q, AT_COLOR = (LANES * n for n in (27, 28, 29, 30))
 AT_G_T, AT_G_Q, AT_G_COLOR = AT_T, AT_Q, AT_COLOR
 # The Gaussian as each ray meets it, if that differs: matrix, mean; gradients to what was blended.
-# The tint of its colour.
+# The tint of its colour. When all Gaussians are met, cpu/kernel.py blends hits in these rows.
 AT_MATRIX, AT_MEAN, AT_G_BLENDED = (LANES * n for n in (33, 42, 45))
 AT_TINT = AT_MATRIX
 # Sums of gradients over all Gaussians: origin, direction, time, harmonics.

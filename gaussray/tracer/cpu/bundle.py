@@ -80,8 +80,9 @@ class HitBuffers(NamedTuple):
         used: whether any of them has a weight of each key state.
         hits: hits of every ray: the bits of the distance above those of the list entry.
         length: number of hits of every ray.
-        alpha: opacity of every list entry where it peaks on every ray, before it is limited. Behind
-            the last entry there is one that stands for none, here and in what follows.
+        alpha: opacity of every list entry where it peaks on every ray, before it is limited; on the
+            way back the gradient to its squared distance takes its place. Behind the last entry
+            there is one that stands for none, here and in what follows.
         light: red of every list entry on every ray (`light_width`), then green, then blue.
         bits: the block as whole numbers.
     """
@@ -188,7 +189,7 @@ def find_hits(march, buffers, bundle, begin):
             continue
         _add_hits(buffers, met, e)
         store_alphas(block, row[layout.opacity], buffers.alpha[e])
-        store_light(row, layout, block, buffers.light[e])
+        store_light(row, layout, block, buffers.used, buffers.light[e])
     return _sort_hits(buffers, none_of(march))
 
 

@@ -87,17 +87,20 @@ def _weighted_5(row, at, y):
 
 
 @machine_code
-def blend_tints(row, layout, block):
+def blend_tints(row, layout, block, used):
     """Write the tints that rays see at `AT_TINT`, before what is below zero is cut.
 
     Args:
         row: row of the Gaussian, which has a tint.
         layout: columns of the row.
         block: the block, of which weights of key states are read.
+        used: which key states its rays have weights of.
     """
     for r in range(LANES):
         block[_TINT_R + r], block[_TINT_G + r], block[_TINT_B + r] = _ZERO, _ZERO, _ZERO
     for k in range(layout.keys):
+        if not used[k]:
+            continue
         at = layout.tint + 3 * k
         red, green, blue = row[at], row[at + 1], row[at + 2]
         copy_row(block, AT_KEYS + LANES * k, _KEY)
@@ -115,13 +118,14 @@ def light_width(layout):
 
 
 @machine_code
-def store_light(row, layout, block, light):
+def store_light(row, layout, block, used, light):
     """Store the tinted colours that rays see; what is below zero is cut.
 
     Args:
         row: row of the Gaussian.
         layout: columns of the row.
         block: the block.
+        used: which key states its rays have weights of.
         light: array that receives red of every ray, then green, then blue (`light_width` each).
     """
     if light_width(layout) == 1:
@@ -130,7 +134,7 @@ def store_light(row, layout, block, light):
         return
     blend_colors(row, layout, block)
     if layout.tint >= 0:
-        blend_tints(row, layout, block)
+        blend_tints(row, layout, block, used)
         for r in range(LANES):
             block[_RED + r] *= max(block[_TINT_R + r], _ZERO)
             block[_GREEN + r] *= max(block[_TINT_G + r], _ZERO)

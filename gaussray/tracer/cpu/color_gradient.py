@@ -20,7 +20,7 @@ from gaussray.tracer.cpu.block import (
     lane_sum,
     product_sum,
 )
-from gaussray.tracer.cpu.color import blend_colors, blend_tints
+from gaussray.tracer.cpu.color import blend_colors, blend_tints, light_width
 
 
 _ZERO, _HALF, _TWO, _THREE = (np.float32(x) for x in (0, 0.5, 2, 3))
@@ -68,7 +68,7 @@ def direction_gradient(d, coefficients, g):
 
 
 @machine_code
-def add_color_gradients(row, d_row, layout, block, rays):
+def add_color_gradients(row, d_row, layout, block, used, rays):
     """Add the gradients of the tinted colour that the rays saw.
 
     Args:
@@ -76,9 +76,10 @@ def add_color_gradients(row, d_row, layout, block, rays):
         d_row: gradients of the row, to which is added.
         layout: columns of the row.
         block: the block, of which weights and gradients of pixels are read.
+        used: which key states its rays have weights of.
         rays: whether gradients of the rays are wanted.
     """
-    if layout.coefficients == 1 and layout.tint < 0:
+    if light_width(layout) == 1:
         for c in range(3):
             at = layout.harmonics + c
             if _HALF + _C0 * row[at] > _ZERO:
@@ -86,7 +87,7 @@ def add_color_gradients(row, d_row, layout, block, rays):
         return
     blend_colors(row, layout, block)
     if layout.tint >= 0:
-        _add_tint_gradients(row, d_row, layout, block, rays)
+        _add_tint_gradients(row, d_row, layout, block, used, rays)
     else:
         # Where a colour is below zero, it is cut.
         for r in range(LANES):
@@ -176,13 +177,15 @@ def _sum_third(d_row, at, block, color):
 
 
 @machine_code
-def _add_tint_gradients(row, d_row, layout, block, rays):
+def _add_tint_gradients(row, d_row, layout, block, used, rays):
     """Add the gradients of the tint; the rows of the colours become those of their gradients."""
-    blend_tints(row, layout, block)
+    blend_tints(row, layout, block, used)
     _split_by_tint(block, _RED, _TINT_R, AT_PIXEL)
     _split_by_tint(block, _GREEN, _TINT_G, _PIXEL_G)
     _split_by_tint(block, _BLUE, _TINT_B, _PIXEL_B)
     for k in range(layout.keys):
+        if not used[k] and not rays:
+            continue
         copy_row(block, AT_KEYS + LANES * k, _KEY)
         _add_key_tint(row, d_row, layout.tint + 3 * k, block)
         d_w = AT_KEYS + LANES * (layout.keys + k)

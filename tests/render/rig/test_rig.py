@@ -34,6 +34,23 @@ def built(views, **groups):
     return rig.frame_records(views, options=rig.RigOptions(**groups), samples=3)
 
 
+@pytest.mark.parametrize(
+    ("options", "key", "value"),
+    [
+        *((rig.ShutterOptions, f"shutter.{key}", np.inf) for key in ("readout", "exposure")),
+        *((rig.ShutterOptions, f"shutter.{key}", -np.inf) for key in ("row_step", "field_time")),
+        *(
+            (rig.ShutterOptions, f"shutter.{key}", (0.0, np.inf))
+            for key in ("row_times", "trigger")
+        ),
+        (rig.CameraOptions, "camera.times", (0.0, np.nan)),
+    ],
+)
+def test_times_that_are_not_finite_are_refused_by_their_keys(options, key, value):
+    with pytest.raises(ValueError, match=rf"{key} must be finite, got .* Give times in the"):
+        options(**{key.split(".")[1]: value})
+
+
 def test_keep_keeps_the_held_out_cameras(views):
     records = built(views)
     assert [r.camera_name for r in records] == ["cam_3"] * 3
