@@ -36,11 +36,11 @@ def are_silhouettes(views: Sequence[View]) -> bool:
     if not masked or any(any(view.margin) for view in views):
         return False
     shown = np.stack([visible_pixels(view) for view in evenly_spread(list(views), _LOOKED_AT)])
-    rim = _rim(shown.any(axis=0))
+    rim = _rim(np.asarray(shown.any(axis=0)))
     return bool(rim.any() and np.mean(~shown[:, rim]) >= _SHARE)
 
 
 def _rim(seen: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
     """The outer pixels of a region."""
     width = max(round(_RIM * min(seen.shape)), 1)
-    return seen & ~binary_erosion(seen, iterations=width)
+    return seen & ~np.asarray(binary_erosion(seen, iterations=width), bool)

@@ -37,12 +37,12 @@ def built(views, **groups):
 @pytest.mark.parametrize(
     ("options", "key", "value"),
     [
-        *((rig.ShutterOptions, f"shutter.{key}", np.inf) for key in ("readout", "exposure")),
-        *((rig.ShutterOptions, f"shutter.{key}", -np.inf) for key in ("row_step", "field_time")),
-        *(
-            (rig.ShutterOptions, f"shutter.{key}", (0.0, np.inf))
-            for key in ("row_times", "trigger")
-        ),
+        (rig.ShutterOptions, "shutter.readout", np.inf),
+        (rig.ShutterOptions, "shutter.exposure", np.inf),
+        (rig.ShutterOptions, "shutter.row_step", -np.inf),
+        (rig.ShutterOptions, "shutter.field_time", np.inf),
+        (rig.ShutterOptions, "shutter.row_times", (0.0, np.inf)),
+        (rig.ShutterOptions, "shutter.trigger", (np.inf,)),
         (rig.CameraOptions, "camera.times", (0.0, np.nan)),
     ],
 )
