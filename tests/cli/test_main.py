@@ -324,7 +324,7 @@ def test_a_scene_without_cameras(fails, tmp_path):
         ("camera=look_at camera.times=[inf]", "camera.times must be finite, got [inf]."),
         ("render.samples=0", "render.samples must be at least 1"),
         ("shutter=rolling shutter.readout=-1", "shutter.readout must be at least 0, got -1"),
-        ("shutter=rolling shutter.readout=inf", "shutter.readout must be finite, got inf. Give times"),
+        ("shutter=rolling shutter.readout=inf", "shutter.readout must be finite, got inf. Give"),
         ("shutter=rolling shutter.row_step=-inf", "shutter.row_step must be finite, got -inf."),
         ("shutter=interlaced shutter.field_time=inf", "shutter.field_time must be finite, got inf"),
         ("shutter=global shutter.exposure=inf", "shutter.exposure must be finite, got inf. Give"),
