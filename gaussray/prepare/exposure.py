@@ -96,8 +96,8 @@ def picture_gains(
     placement: Placement, levels: ObservedLevels
 ) -> dict[str, Float[np.ndarray, "3"]]:
     """How much brighter each picture of a camera on its way records the same points than the mean
-    of its camera's pictures, in stops, by `picture_name`; of photographs, too. Pictures with fewer
-    than `LEAST_SHARED` observations, and cameras that stand still, are left out.
+    of its camera's pictures, in stops, by `picture_name`; of photographs, too. It is NaN for
+    pictures with fewer than `LEAST_SHARED` observations; cameras with a single pose are left out.
 
     Args:
         placement: observations of the points by the pictures.
@@ -108,13 +108,15 @@ def picture_gains(
     if len(set(cameras.tolist())) == len(names):
         return {}
     gains, count = _gains(placement, levels, np.arange(len(names)))
+    gains[count < LEAST_SHARED] = np.nan
     result = {}
     for camera in dict.fromkeys(cameras.tolist()):
-        own = np.flatnonzero((cameras == camera) & (count >= LEAST_SHARED))
+        own = np.flatnonzero(cameras == camera)
+        known = own[count[own] >= LEAST_SHARED]
         if len(own) > 1:
-            apart = gains[own] - gains[own].mean(axis=0)
-            for k, gain in zip(own.tolist(), apart, strict=True):
-                result[picture_name(placement.pictures[names[k]], placement)] = gain
+            apart = gains[own] - (gains[known].mean(axis=0) if len(known) else 0.0)
+            called = [picture_name(placement.pictures[names[k]], placement) for k in own]
+            result |= dict(zip(called, apart, strict=True))
     return result
 
 

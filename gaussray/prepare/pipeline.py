@@ -166,9 +166,7 @@ def _checked(
     found += epipolar_findings(placement, pairs)
     found += exposure_findings(gains, levels.clipped)
     found += picture_exposure_findings(
-        picture_gains(placement, levels),
-        total=len(placement.pictures),
-        photographs=timeline.is_static,
+        picture_gains(placement, levels), photographs=timeline.is_static
     )
     facts = facts_of(sources, sync, timeline, files, placement, pairs, gains, out)
     facts["findings"] = [finding._asdict() for finding in merged_findings(found)]

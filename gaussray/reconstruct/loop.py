@@ -86,7 +86,7 @@ def run_stage(
         count = count if state is after else gaussian_count(state)
         done += len(batches.time)
         log.record(progress, done, terms, count)
-        # Half of the tiles are drawn where the scene is worst.
+        # A share of the tiles (fit.error_share) is drawn where the scene is worst.
         drawn = psnr_from_mse(terms["mse"], least=LEAST_MSE)
         bar.report(done, f"{drawn:.2f} dB on the tiles drawn")
         # Before all times are seen, tiles of the others tell nothing.

@@ -29,6 +29,22 @@ def test_a_plain_backdrop_is_told_once(tmp_path, capsys):
     assert capsys.readouterr().out.count("border is black: that is taken as a plain backdrop") == 1
 
 
+def test_silhouettes_are_told_once_and_have_no_backdrop(tmp_path, capsys):
+    capture = read_capture(toy.write_capture(tmp_path / "in", toy.scene(speed=0), times=(0.0,)))
+    for i, view in enumerate(capture.views):
+        picture = np.zeros((toy.SIZE, toy.SIZE, 4), np.uint8)
+        row, column = 2 + 5 * (i % 2), 2 + 5 * (i // 2 % 2)
+        picture[row : row + 7, column : column + 7] = 200, 100, 50, 255
+        write_image(view.image, picture)
+    capture = replace(capture, views=[replace(v, background="mask") for v in capture.views])
+    log, shared = RunLog(tmp_path / "out", resume=False, interval=0.0), SharedResults()
+    session = [Session(capture, log, toy.SHORT, False, shared=shared) for _ in range(2)][0]
+    assert session.silhouettes and session.backdrop is None
+    assert capsys.readouterr().out.count("Masks cut an object out of the pictures") == 1
+    loss = replace(toy.SHORT.loss, backdrop_opacity=0.0)
+    assert not Session(capture, log, replace(toy.SHORT, loss=loss), True).silhouettes
+
+
 def test_opacity_costs_less_for_dark_pictures(tmp_path, capsys):
     capture = read_capture(toy.write_capture(tmp_path / "in", toy.scene(speed=0), times=(0.0,)))
     log = RunLog(tmp_path / "out", resume=False, interval=0.0)

@@ -55,28 +55,27 @@ def exposure_findings(
 
 
 def picture_exposure_findings(
-    gains: Mapping[str, np.ndarray], *, total: int, photographs: bool
+    gains: Mapping[str, np.ndarray], *, photographs: bool
 ) -> list[Finding]:
     """Differences of brightness between the pictures of a camera on its way: an exposure or a white
     balance that it chooses for each.
 
     Args:
-        gains: gain of each picture that was compared (`picture_gains`).
-        total: number of all pictures.
+        gains: gain of each picture, NaN where it is unknown (`picture_gains`).
         photographs: whether each picture is a camera of its own in the capture, as photographs are:
             the fit has a gain for each camera.
     """
-    if not gains:
+    known = {name: gain for name, gain in gains.items() if np.isfinite(gain).all()}
+    if len(known) < 2:
         return []
-    stops = np.stack(list(gains.values()))
+    stops, names = np.stack(list(known.values())), list(known)
     worst = int(np.abs(stops).max(axis=0).argmax())
     size, channel = float(np.abs(stops[:, worst]).max()), _CHANNELS[worst]
-    left = total - len(gains)
-    but = f"; {left} of {total} pictures share too few points to be compared" if left else ""
+    left = len(gains) - len(known)
+    but = f"; {left} of {len(gains)} share too few points to be compared" if left else ""
     if size <= STOPS:
         text = f"pictures agree with the mean of their camera to {size:.2f} stops{but}"
         return [Finding("good", "exposure", text)]
-    names = list(gains)
     darkest, brightest = names[stops[:, worst].argmin()], names[stops[:, worst].argmax()]
     text = (
         f"pictures of a camera differ from their mean by up to {size:.2f} stops of {channel} "

@@ -12,15 +12,15 @@ from gaussray.capture.spread import evenly_spread
 
 
 # Masks cut something out if they hide at least this share of the rim of what all pictures together
-# show: pixels within so much of the picture's shorter side of what none shows. The rim of what a
-# lens shows, or of whole pictures that passers-by are hidden in, is seen in most of them.
+# show: its pixels that are nearer to the outside than so much of the picture's shorter side. Where
+# masks hide what a lens leaves dark, or passers-by, most pictures show that rim.
 _SHARE, _RIM = 0.5, 0.03
 # Pictures whose masks are looked at.
 _LOOKED_AT = 32
 
 SILHOUETTES_SENTENCE = (
-    "Masks hide most of the rim of what all pictures together show: they are taken as silhouettes, "
-    "and what they hide as empty (loss.backdrop_opacity=0 leaves it open)."
+    "Masks cut an object out of the pictures: what they hide is taken as empty "
+    "(loss.backdrop_opacity=0 leaves it open)."
 )
 
 

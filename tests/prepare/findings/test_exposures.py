@@ -60,20 +60,20 @@ def test_a_camera_whose_picture_is_clipped_is_told_unless_those_of_the_others_ar
     assert len(found(gains(a=0.0, b=0.1), b=0.9)) == 1
 
 
-def of_pictures(gains, total=3, photographs=True):
+def of_pictures(gains, photographs=True):
     gains = {name: np.array(stops) for name, stops in gains.items()}
-    return picture_exposure_findings(gains, total=total, photographs=photographs)
+    return picture_exposure_findings(gains, photographs=photographs)
 
 
 def test_pictures_of_a_camera_on_its_way_are_compared_channel_by_channel():
-    (good,) = of_pictures({"a": [0.1, 0, 0], "b": [-0.1, 0, 0]})
+    (good,) = of_pictures({"a": [0.1, 0, 0], "b": [-0.1, 0, 0], "c": [np.nan] * 3})
     assert good.level == "good" and "mean of their camera to 0.10 stops" in good.text
-    assert good.text.endswith("; 1 of 3 pictures share too few points to be compared")
+    assert good.text.endswith("; 1 of 3 share too few points to be compared")
     # A white balance that changes: brighter in red is darker in blue.
     (doubt,) = of_pictures({"a": [0.2, 0, -0.3], "b": [0, 0, 0.1], "c": [-0.2, 0, 0.2]})
     assert doubt.level == "warn" and "up to 0.30 stops of blue (a is the darkest, c" in doubt.text
     assert "share too few" not in doubt.text and "fit.refine=[exposure]" in doubt.remedy
     # A video is one camera, which has one gain.
-    (doubt,) = of_pictures({"a": [0.2, 0, 0], "b": [-0.2, 0, 0]}, 2, photographs=False)
+    (doubt,) = of_pictures({"a": [0.2, 0, 0], "b": [-0.2, 0, 0]}, photographs=False)
     assert "fit.refine" not in doubt.remedy and doubt.remedy.startswith("Lock exposure")
-    assert of_pictures({}) == []
+    assert of_pictures({}) == [] and of_pictures({"a": [0.0] * 3, "b": [np.nan] * 3}) == []
