@@ -10,6 +10,7 @@ from gaussray.capture.capture import Capture, View
 from gaussray.capture.errors import CaptureError, CaptureWarning
 from gaussray.capture.frames import mask_values
 from gaussray.capture.picture_file import picture_size
+from gaussray.capture.spread import evenly_spread
 
 
 MASK_FOLDER = "masks"
@@ -76,7 +77,7 @@ def with_mask_folder(capture: Capture) -> Capture:
 def _other_than_masks(files: list[Path]) -> Path | None:
     """A file that is no mask, if none of some files is one; what is all black tells nothing."""
     other = None
-    for path in files[:: -(-len(files) // _LOOKED_AT) or 1]:
+    for path in evenly_spread(files, _LOOKED_AT):
         is_mask = _is_mask(path)
         if is_mask:
             return None

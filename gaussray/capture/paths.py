@@ -108,6 +108,7 @@ def _pinhole_degrees(key, block):
 
 def _is_positive(value):
     number = isinstance(value, int | float) and not isinstance(value, bool)
+    # Whole numbers of JSON may be larger than any float.
     return number and 0 < value < 1e30
 
 

@@ -10,7 +10,7 @@ from gaussray.cli.selected_capture import selected_capture
 from gaussray.config.compose import Configuration
 from gaussray.config.options import as_type, build_options
 from gaussray.config.run_folder import begin_run_folder
-from gaussray.io.validate import set_fields
+from gaussray.io.validate import changed_fields
 from gaussray.runtime.devices import DevicesOptions, start_devices
 from gaussray.runtime.lock import lock_output
 from gaussray.runtime.output import counted
@@ -45,15 +45,13 @@ def _render(cfg: Configuration, devices: int | None) -> dict[str, Any]:
 def _refuse_dataset_keys(cfg: Configuration) -> None:
     """Refuse keys that only a dataset of drawn samples uses, as dataset.count is 0."""
     from gaussray.camera.imu import ImuOptions
-    from gaussray.dataset.layouts import check_imu_keys
     from gaussray.render.randomize.options import DrawOptions
 
-    needy = [f"dataset.{key}" for key in set_fields(build_options(DrawOptions, cfg.dataset))]
-    if cfg.sample:
-        needy.append("sample")
+    needy = [f"dataset.{key}" for key in changed_fields(build_options(DrawOptions, cfg.dataset))]
+    needy += ["sample"] if cfg.sample else []
+    needy += [f"imu.{key}" for key in changed_fields(build_options(ImuOptions, cfg.imu))]
     if needy:
         raise ValueError(f"{needy[0]} needs dataset.count of at least 1, got 0.")
-    check_imu_keys(build_options(ImuOptions, cfg.imu), "", "dataset.layout")
 
 
 def generate(cfg: Configuration, overrides: Sequence[str]) -> None:

@@ -8,6 +8,7 @@ from gaussray.camera.lens import FocalLens
 from gaussray.camera.shutter import time_window
 from gaussray.capture.capture import View
 from gaussray.capture.paths import lens_of_path
+from gaussray.capture.view_file import shown_size
 from gaussray.dataset.manifest import FrameRecord
 from gaussray.render.rig.film import apply_film
 from gaussray.render.rig.rig import RigOptions, choose_views
@@ -56,12 +57,15 @@ def note_size(views: Sequence[View], note: Callable[[str], Any]) -> None:
         views: the views to render, of the size that the fit saw.
         note: gets the line.
     """
-    view = views[0] if views else None
-    if view is not None and view.window is not None:
+    if not views or views[0].window is None:
+        return
+    view, box = views[0], views[0].window.box
+    # A part of a picture is no smaller picture.
+    scale = shown_size(view)[0] / box[2]
+    if scale < 1:
         note(
-            f"Pictures are {view.width} x {view.height}, as the fit saw them "
-            f"({view.width / view.window.size[0]:.2g} of the capture's sides); "
-            "film.size=[WIDTH,HEIGHT] sets another size."
+            f"Pictures are {view.width} x {view.height}, as the fit saw them ({scale:.2g} of the "
+            "capture's sides); film.size=[WIDTH,HEIGHT] sets another size."
         )
 
 

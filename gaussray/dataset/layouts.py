@@ -21,7 +21,7 @@ from gaussray.dataset.sample_manifest import MANIFEST, read_frames
 from gaussray.geometry import BLENDER_AXES
 from gaussray.io.atomic import atomic_path
 from gaussray.io.safe.openimageio import oiio
-from gaussray.io.validate import set_fields
+from gaussray.io.validate import changed_fields
 from gaussray.runtime.output import listed_names
 
 
@@ -81,7 +81,7 @@ def check_layout(layout: str, records: Sequence[FrameRecord], note: Callable[[st
 
 
 def check_imu_keys(imu: ImuOptions, layout: str, key: str) -> None:
-    """Check that a layout uses every key of the IMU that is set.
+    """Check that a layout uses every key of the IMU that differs from its default.
 
     Args:
         imu: the options.
@@ -95,7 +95,7 @@ def check_imu_keys(imu: ImuOptions, layout: str, key: str) -> None:
         # The layout itself is refused where it is used.
         return
     used = _IMU_KEYS.get(layout, ())
-    for name in set_fields(imu):
+    for name in changed_fields(imu):
         if name not in used:
             layouts = " or ".join(layout for layout, keys in _IMU_KEYS.items() if name in keys)
             choice = f"with {key}={layout}" if layout else f"without {key}"

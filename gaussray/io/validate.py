@@ -101,7 +101,7 @@ def known(*values: Any) -> bool:
     return not any(isinstance(value, Tracer | jax.ShapeDtypeStruct) for value in values)
 
 
-def set_fields(options: Any) -> list[str]:
+def changed_fields(options: Any) -> list[str]:
     """Names of the fields of options that differ from their defaults."""
     fields = dataclasses.fields(options)
     return [field.name for field in fields if getattr(options, field.name) != field.default]

@@ -23,7 +23,7 @@ def full_pictures(database: Path, most: int, masks: Path | None = None) -> froze
     """Files of the pictures that have as many features as are taken, and have more.
 
     COLMAP takes whole levels of scale, the coarse ones first, until they are more than `most`: the
-    finest level is among them where nothing was left out (`finest_scale`).
+    finest level is among them where nothing was left out (`_finest_scale`).
 
     Args:
         database: COLMAP database with the features.
@@ -37,9 +37,9 @@ def full_pictures(database: Path, most: int, masks: Path | None = None) -> froze
         )
 
 
-def finest_scale() -> float:
-    """Pixels below which only the finest level of SIFT has features: it begins 1 level below its
-    own scale, and the next one, 1.5 below its own, half a level later."""
+def _finest_scale() -> float:
+    """Pixels below which only the finest level of SIFT has features: a feature's scale may be
+    moved by up to `_REFINED` levels from that of its own, and the next level is one above."""
     sift = pycolmap().FeatureExtractionOptions().sift
     own = _FIRST_SIGMA * 2.0 ** (sift.first_octave + 1 / sift.octave_resolution)
     return own * 2.0 ** ((1 - _REFINED) / sift.octave_resolution)
@@ -55,7 +55,7 @@ def _has_finest_level(rows: Float[np.ndarray, "n columns"], size: tuple[int, int
     scale = np.hypot(rows[:, 2], rows[:, 4]) if rows.shape[1] == 6 else rows[:, 2]
     # Features of larger pictures are those of a reduced one.
     longest = pycolmap().FeatureExtractionOptions().eff_max_image_size()
-    return bool(np.any(scale < max(max(size) / longest, 1.0) * finest_scale()))
+    return bool(np.any(scale < max(max(size) / longest, 1.0) * _finest_scale()))
 
 
 def _is_full(db: Any, image: Any, most: int, masks: Path | None) -> bool:

@@ -367,7 +367,7 @@ def test_a_scene_without_cameras(fails, tmp_path):
         ),
         (
             "imu.units_per_metre=2",
-            "Choose dataset.layout=euroc or carla_rs, or leave out imu.units_",
+            "imu.units_per_metre needs dataset.count of at least 1, got 0",
         ),
         ("dataset.frames=3", "dataset.frames needs dataset.count of at least 1, got 0"),
         ("dataset.seed=3", "dataset.seed needs dataset.count of at least 1, got 0"),

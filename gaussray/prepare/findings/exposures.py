@@ -11,7 +11,8 @@ from gaussray.runtime.output import first_of
 
 # Stops by which exposures may differ.
 STOPS = 0.15
-# Share of a picture, beyond that of the other cameras, that is clipped where it is too bright.
+# Share of a picture, beyond that of the other cameras, that is clipped where it is too bright: a
+# guess, far above what lamps and windows make.
 _CLIPPED = 0.25
 # Names that are listed, at most.
 _LISTED = 8

@@ -89,7 +89,7 @@ def draw_sample(
         except ValueError as error:
             if attempt < options.redraws:
                 continue
-            remedy = "dataset.redraws draws such samples again."
+            remedy = "If that depends on what is drawn, dataset.redraws draws such samples again."
             raise _impossible(index, attempt, error, remedy) from error
     raise AssertionError("there is at least one attempt")
 

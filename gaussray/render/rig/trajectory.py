@@ -173,16 +173,18 @@ def _check_clock(
     first, last = times[0], times[-1]
     # A path of one pose has one time, that of every frame.
     steps = np.linspace(first, last, options.steps) if first < last else times
-    if all(np.all(np.diff(x.astype(np.float32)) > 0) for x in (times, steps)):
+    apart = [bool(np.all(np.diff(x.astype(np.float32)) > 0)) for x in (times, steps)]
+    if all(apart):
         return
     begin, end = chosen
-    outside, remedy = "", "fewer trajectory.steps"
+    outside = ""
+    remedy = "fewer trajectory.steps" if apart[0] else "leave out poses that are close in time"
     if last < begin or first > end:
         outside = f"lie outside of the chosen times, {begin:.7g} to {end:.7g}, and "
         remedy = "subtract the first time from all"
     raise ValueError(
         f"trajectory.clock=file: the times of {options.file}, {first:.12g} to {last:.12g}, "
-        f"{outside}are too large for their small steps in single precision. Choose "
+        f"{outside}are too close to each other for single precision. Choose "
         f"trajectory.clock=span, or {remedy}."
     )
 

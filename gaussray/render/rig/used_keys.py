@@ -4,7 +4,7 @@ import dataclasses
 from typing import Any
 
 from gaussray.camera.lens.registry import models_by_name
-from gaussray.io.validate import set_fields
+from gaussray.io.validate import changed_fields
 from gaussray.render.rig.rig import CameraOptions, RigOptions
 
 
@@ -116,7 +116,7 @@ def _check_lens(options: RigOptions) -> None:
 
 def _changed(options: Any) -> list[str]:
     """The keys, without model and kind, that differ from their defaults."""
-    return [name for name in set_fields(options) if name not in ("model", "kind")]
+    return [name for name in changed_fields(options) if name not in ("model", "kind")]
 
 
 def _refuse(

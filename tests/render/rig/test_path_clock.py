@@ -26,9 +26,10 @@ def ridden(views, trajectory):
         (
             ("0.5", "0.50000000001"),
             2,
-            "are too large for their small steps",
-            "fewer trajectory.steps",
+            "are too close to each other",
+            "leave out poses",
         ),
+        (("0.5", "0.500001"), 200, "are too close to each other", "fewer trajectory.steps"),
     ],
 )
 def test_a_clock_beyond_single_precision_is_told_with_its_remedies(
