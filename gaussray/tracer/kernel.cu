@@ -1154,8 +1154,79 @@ struct Pending {
 struct Rank {
   float t;
   int place;
-  __device__ __forceinline__ bool operator<(Rank other) {
+  __device__ __forceinline__ bool operator<(Rank other) const {
     return t < other.t || (t == other.t && place < other.place);
+  }
+};
+
+// Further pending hits of a lane, none nearer than those that are `Pending`: a heap in local memory,
+// of which the nearest is on top. Children of hit i are 4 i + 1 to 4 i + 4.
+#define MORE 64
+struct Reserve {
+  float t[MORE], alpha[MORE];
+  int place[MORE], count;
+
+  __device__ __forceinline__ Rank rank(int i) { return {t[i], place[i]}; }
+  __device__ __forceinline__ void set(int i, Rank hit, float own) {
+    t[i] = hit.t;
+    place[i] = hit.place;
+    alpha[i] = own;
+  }
+
+  // A hit that takes place i, or that of what is above it.
+  __device__ __forceinline__ void rise(int i, Rank hit, float own) {
+    while (i) {
+      const int above = (i - 1) / 4;
+      const Rank other = rank(above);
+      if (!(hit < other)) break;
+      set(i, other, alpha[above]);
+      i = above;
+    }
+    set(i, hit, own);
+  }
+
+  // Takes a hit in. Returns the farthest one, which had to go, or one that is infinitely far.
+  __device__ __forceinline__ Rank push(Rank hit, float own) {
+    if (count < MORE) {
+      rise(count++, hit, own);
+      return {INFINITE, 0x7fffffff};
+    }
+    Rank farthest = hit;
+    int at = -1;
+    for (int i = (MORE + 2) / 4; i < MORE; i++) {
+      const Rank other = rank(i);
+      if (farthest < other) {
+        farthest = other;
+        at = i;
+      }
+    }
+    if (at >= 0) rise(at, hit, own);
+    return farthest;
+  }
+
+  // The nearest becomes the last of the pending ones.
+  __device__ __forceinline__ void move_to(Pending &pending) {
+    pending.t[K - 1] = t[0];
+    pending.place[K - 1] = place[0];
+    pending.alpha[K - 1] = alpha[0];
+    const Rank hit = rank(--count);
+    const float own = alpha[count];
+    int i = 0;
+    for (int child = 1; child < count; child = 4 * i + 1) {
+      int best = child;
+      Rank nearest = rank(child);
+      for (int c = child + 1; c < min(child + 4, count); c++) {
+        const Rank other = rank(c);
+        if (other < nearest) {
+          nearest = other;
+          best = c;
+        }
+      }
+      if (!(nearest < hit)) break;
+      set(i, nearest, alpha[best]);
+      i = best;
+    }
+    if (count) set(i, hit, own);
   }
 };
 
@@ -1210,10 +1281,11 @@ struct Queue {
 // A warp takes neighbouring rays through their group's list, 32 entries at a time. The lanes of a
 // ray share the entries among them; each meets its own, then takes its hits in.
 //
-// Every lane keeps its K nearest pending hits in order. The nearest one is blended once no later
-// entry of the list and no second one of another lane can be nearer, so that the lanes of a ray often
-// blend together. Hits that a full lane has no room for are left to another pass over the list:
-// `limit` is the nearest of them, and everything nearer is taken in this pass.
+// Every lane keeps its K nearest pending hits in order, and more in reserve. The nearest one is
+// blended once no later entry of the list and no second one of another lane can be nearer, so that
+// the lanes of a ray often blend together. Hits for which the reserve has no room either are left to
+// another pass over the list: `limit` is the nearest of them, and everything nearer is taken in this
+// pass.
 template <bool BACK>
 __device__ void march(const Scene &scene, const int *list, const float *bounds, const u32 *words,
                       const int *count, size_t group, int sample, int part, const Ray &ray,
@@ -1243,7 +1315,9 @@ __device__ void march(const Scene &scene, const int *list, const float *bounds, 
   }
   const Rank nothing = {INFINITE, 0x7fffffff};
   Pending pending;
+  Reserve reserve;
   pending.clear();
+  reserve.count = 0;
   Rank floor = {0, 0}, limit = nothing;
   int oldest = 0x7fffffff, start = 0;
   bool live = ray.d.x != 0 || ray.d.y != 0 || ray.d.z != 0;
@@ -1349,9 +1423,19 @@ __device__ void march(const Scene &scene, const int *list, const float *bounds, 
         Rank mine = {distance[warp][j][lane], queue.place[(first + j * LANES + own) % RING]};
         if (hits && !(mine < floor) && mine < limit) {
           if (pending.t[0] == INFINITE) oldest = min(oldest, mine.place);
-          Rank dropped = {pending.t[K - 1], pending.place[K - 1]};
-          if (dropped.t < INFINITE) limit = mine < dropped ? dropped : mine;
-          pending.insert(mine.t, alphas[warp][j][lane], mine.place);
+          Rank spare = mine;
+          float own = alphas[warp][j][lane];
+          // It comes later in the list than those that are pending.
+          if (mine.t < pending.t[K - 1]) {
+            spare = {pending.t[K - 1], pending.place[K - 1]};
+            const float last = pending.alpha[K - 1];
+            pending.insert(mine.t, own, mine.place);
+            own = last;
+          }
+          if (spare.t < INFINITE) {
+            const Rank gone = reserve.push(spare, own);
+            if (gone.t < INFINITE) limit = gone;
+          }
         }
         hits &= hits - 1;
       }
@@ -1362,9 +1446,10 @@ __device__ void march(const Scene &scene, const int *list, const float *bounds, 
       const Rank end = least_of_ray(limit);
       while (true) {
         const float t = pending.t[0], nearest = least_of_ray(t);
-        const float second = K > 1 ? least_of_ray(pending.t[K > 1]) : INFINITE;
+        const float rest = reserve.count ? reserve.t[0] : INFINITE;
+        const float second = least_of_ray(K > 1 ? pending.t[K > 1] : rest);
         const bool ready = open && nearest < bar && nearest <= end.t;
-        const bool crowded = pending.t[K - 1 - K / 4] < INFINITE;
+        const bool crowded = 4 * reserve.count > 3 * MORE;
         const bool urgent = ready && (last || crowded || end.t < bar);
         // Beyond the limit there are hits that were not taken in.
         bool next = open && t < bar && (t < second || t == nearest) &&
@@ -1419,6 +1504,7 @@ __device__ void march(const Scene &scene, const int *list, const float *bounds, 
         path.transmittance = least_of_ray(blended ? front * clear : path.transmittance);
         if (path.transmittance <= TRANSMITTANCE_MIN) open = live = false;
         pending.pop(next);
+        if (next && reserve.count) reserve.move_to(pending);
       }
       if (pending.t[0] == INFINITE && limit.t == INFINITE) oldest = 0x7fffffff;
       if (end.t < bar) open = false;
@@ -1437,6 +1523,7 @@ __device__ void march(const Scene &scene, const int *list, const float *bounds, 
     limit = nothing;
     oldest = 0x7fffffff;
     pending.clear();
+    reserve.count = 0;
   }
 }
 
