@@ -1160,8 +1160,9 @@ struct Rank {
 };
 
 // Further pending hits of a lane, none nearer than those that are `Pending`: a heap in local memory,
-// of which the nearest is on top. Children of hit i are 4 i + 1 to 4 i + 4.
-#define MORE 64
+// of which the nearest is on top. Children of hit i are 4 i + 1 to 4 i + 4. The lanes of a ray have
+// room for 256 together.
+#define MORE (256 / LANES)
 struct Reserve {
   float t[MORE], alpha[MORE];
   int place[MORE], count;

@@ -64,6 +64,18 @@ def elsewhere(monkeypatch):
     monkeypatch.setattr(kernel, "ptx", lambda source, macros: f"{sorted(macros)}")
 
 
+@pytest.fixture
+def shared_by(monkeypatch):
+    """Sets how many lanes share a ray. Otherwise it is 16, as in every small picture."""
+
+    def set_lanes(lanes):
+        monkeypatch.setattr(kernel, "_LANES", {1 << 30: lanes})
+        jax.clear_caches()
+
+    yield set_lanes
+    jax.clear_caches()
+
+
 def test_a_program_is_three_launches_and_one_more_for_gradients(elsewhere):
     def loss(motion, lines):
         return jnp.sum(trace(motion, lines, options=OPTIONS, capacity=CAPACITY)[0].color)
@@ -152,6 +164,27 @@ def test_how_the_work_is_cut_does_not_matter(change):
 
 
 @pytest.mark.gpu
+@pytest.mark.parametrize("lanes", [4, 8])
+@pytest.mark.parametrize("bundle", [4, 8])
+def test_any_number_of_lanes_shares_a_ray(shared_by, lanes, bundle):
+    shared_by(lanes)
+    motion = beside(mixed(), fleeting(COUNT, seed=3, size=(0.1, 0.5)), (0.1, 0.8))
+    color, errors = errors_on_device(motion, rays(), replace(OPTIONS, bundle=bundle))
+    assert color < COLOR and max(errors.values()) < GRADIENT, errors
+
+
+def test_the_fewer_rays_the_more_lanes_share_one():
+    def lanes(count):
+        motion, lines = mixed(), jax.tree.map(lambda x: x[None], shot(rays(count)))
+        chosen, _ = kernel.kernel_inputs(
+            motion, lines, jnp.asarray([0.0, 1.0]), options=TraceOptions(), slots=32
+        )
+        return chosen.program.lanes
+
+    assert [lanes(side**2) for side in (256, 257, 362, 363)] == [16, 8, 8, 4]
+
+
+@pytest.mark.gpu
 @pytest.mark.parametrize("degree", [0, 2, 3])
 def test_every_degree_of_colour(degree):
     motion = resting(gaussians(COUNT, size=(0.1, 0.5), degree=degree))
@@ -233,7 +266,9 @@ def test_the_ends_of_what_numbers_can_express(name):
 
 
 @pytest.mark.gpu
-def test_thousands_on_one_ray_are_all_met_in_their_order():
+@pytest.mark.parametrize("lanes", [4, 16])
+def test_thousands_on_one_ray_are_all_met_in_their_order(shared_by, lanes):
+    shared_by(lanes)
     count = 10_000
     motion, lines = pile(count)
     options = replace(OPTIONS, k=16)
@@ -273,7 +308,9 @@ def test_rays_that_no_lens_forms_stop_none_of_their_neighbours(formed):
 
 
 @pytest.mark.gpu
-def test_equal_distances_are_taken_in_the_order_of_the_gaussians():
+@pytest.mark.parametrize("lanes", [4, 16])
+def test_equal_distances_are_taken_in_the_order_of_the_gaussians(shared_by, lanes):
+    shared_by(lanes)
     lines = shot(rays(jitter=0.0))
     capacity = Capacity((512, 512), 8192, 1024)
     pictures = [
