@@ -108,7 +108,7 @@ def _evaluate(cfg: Configuration, devices: int | None) -> dict[str, Any]:
     )
     render = build_options(RenderOptions, cfg.render)
     scene, truth = load(cfg.scene), selected_capture(cfg.truth, cfg, "truth_", "truth_")
-    truth = with_found_cameras(truth, Path(cfg.scene))
+    found = with_found_cameras(truth, Path(cfg.scene))
     if cfg.out == f"{cfg.scene}/evaluation" and Path(cfg.scene).is_file():
         # Several scenes may be files of one folder; that of a run has its evaluation there.
         file = Path(cfg.scene)
@@ -117,7 +117,7 @@ def _evaluate(cfg: Configuration, devices: int | None) -> dict[str, Any]:
     out = begin_run_folder(cfg)
     report = evaluate(
         scene,
-        truth,
+        found,
         out,
         options=chosen,
         render=render,
@@ -126,7 +126,7 @@ def _evaluate(cfg: Configuration, devices: int | None) -> dict[str, Any]:
         quiet=cfg.quiet,
     )
     say_result(scores_text(report), out=str(out), report=report)
-    return {"scene": scene, "capture": truth}
+    return {"scene": scene, "capture": found.capture}
 
 
 def _calibrate(cfg: Configuration, devices: int | None) -> dict[str, Any]:

@@ -7,7 +7,8 @@ import numpy as np
 from jaxtyping import Bool, UInt8
 
 from gaussray.capture.capture import View
-from gaussray.dataset.images import srgb_levels
+from gaussray.evaluate.exposure import exposure_match, recorded_levels
+from gaussray.evaluate.found_cameras import FoundCapture
 from gaussray.evaluate.masks import (
     MotionMasks,
     circle_mask,
@@ -46,27 +47,38 @@ def score_picture(
     masks: MotionMasks,
     *,
     perceptual: Mapping[str, Metric],
-    trained: set[str],
+    found: FoundCapture,
+    silhouettes: bool = False,
 ) -> ScoredPicture:
-    """Score a rendering against the picture of its view.
+    """Score a rendering, as the camera records it, against the picture of its view.
 
     Args:
         view: the recorded camera and its picture.
         frame: the rendering.
         masks: tells which pixels move.
         perceptual: the metrics beside PSNR and SSIM, by name (`perceptual_metrics`).
-        trained: names of the cameras that the scene was fitted to.
+        found: the capture, and what the fit found for its cameras.
+        silhouettes: whether masks cut an object out: then opacity where they hide is a score.
     """
-    (real, shown), ours = levels_and_mask(view), srgb_levels(frame.color)
+    real, shown = levels_and_mask(view)
+    ours = recorded_levels(frame.color, found.response(view))
     sees = visible_mask(view.camera)
     # What is hidden is black in both pictures: else its error would spread to what is shown.
     truth, image = (x if shown is None else x * shown[..., None] for x in (real, ours))
-    row = _scores(truth, image, masks.moving(view, real), _counted(view, sees, shown))
+    counted = _counted(view, sees, shown)
+    row = _scores(truth, image, masks.moving(view, real), counted)
+    match = exposure_match(truth, image, counted[""])
+    row |= {"psnr_matched": match.psnr, "exposure_stops": match.stops}
+    if shown is not None:
+        row["shown_share"] = float(shown.mean())
+    hidden = None if shown is None or not silhouettes else _both(~shown, sees)
+    if hidden is not None and hidden.any():
+        row["opacity_outside_masks"] = float(np.mean(frame.alpha[hidden], dtype=np.float64))
     row |= _perceived(perceptual, truth, image, shown)
     # What a mask hides as a whole has no score.
     row = {name: x for name, x in row.items() if not (isinstance(x, float) and np.isnan(x))}
     row["seconds"] = None if frame.compiled else frame.seconds
-    row["part"] = _part(view, trained)
+    row["part"] = found.part(view)
     return ScoredPicture(row, real, ours, shown, _both(sees, shown))
 
 
@@ -98,11 +110,12 @@ def _counted(
 
     What the mask of the view hides never counts. Where a lens should fill the picture, neither do
     pixels without a ray, nor a rim of one pixel around these: the scene cannot show there what the
-    picture does. Around the circle of a fisheye both are black.
+    picture does. Around the circle of a fisheye both are black. `_masked` is given where a mask or
+    the lens hides a part.
     """
     both = _both(sees, shown)
     if sees is None:
-        return {"": both}
+        return {"": both} if shown is None else {"": both, "_masked": both}
     whole = both if view.camera.lens.fills_picture else shown
     return {"": whole, "_masked": both, "_circle": _both(circle_mask(sees.shape), shown)}
 
@@ -124,8 +137,9 @@ def _scores(
     whatever else counts."""
     score: dict[str, Any] = {}
     for name, mask in counted.items():
-        score[f"psnr{name}"] = psnr(real, ours, mask)
-        score[f"ssim{name}"] = ssim(real, ours, mask)
+        same = name and mask is counted[""]
+        score[f"psnr{name}"] = score["psnr"] if same else psnr(real, ours, mask)
+        score[f"ssim{name}"] = score["ssim"] if same else ssim(real, ours, mask)
     moving = None if moving is None else _both(moving, counted[""])
     if moving is not None and moving.any():
         error = (real.astype(np.float64) - ours)[moving] / 255
@@ -143,9 +157,3 @@ def _perceived(
     if shown is not None and not shown.any():
         return {}
     return {name: measure(real, ours, shown) for name, measure in metrics.items()}
-
-
-def _part(view: View, trained: set[str]) -> str:
-    if view.split == "train":
-        return "train"
-    return "held_out_times" if view.camera_name in trained else "held_out_cameras"

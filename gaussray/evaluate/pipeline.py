@@ -20,6 +20,7 @@ from gaussray.capture.spread import evenly_spread
 from gaussray.dataset.images import contact_sheet, side_by_side, write_image
 from gaussray.dataset.video import write_video
 from gaussray.evaluate.flicker import Flicker
+from gaussray.evaluate.found_cameras import FoundCapture
 from gaussray.evaluate.masks import MotionMasks
 from gaussray.evaluate.options import EvaluateOptions
 from gaussray.evaluate.perceptual import perceptual_metrics
@@ -29,8 +30,10 @@ from gaussray.evaluate.picture_scores import (
     score_line,
     score_picture,
 )
+from gaussray.evaluate.remarks import remarks
 from gaussray.evaluate.scores import summary
 from gaussray.io.atomic import atomic_path, check_files_exist, remove_partial_files, write_json
+from gaussray.reconstruct.data.silhouettes import are_silhouettes
 from gaussray.render.frame import Frame
 from gaussray.render.options import RenderOptions
 from gaussray.render.renderer import Renderer
@@ -52,7 +55,7 @@ _AT_ONCE, _SECONDS = 16, 2.0
 @locks_output
 def evaluate(
     scene: Scene | Clip,
-    truth: Capture,
+    truth: Capture | FoundCapture,
     out: Path | str,
     *,
     options: EvaluateOptions | None = None,
@@ -67,7 +70,9 @@ def evaluate(
 
     Args:
         scene: the reconstructed scene.
-        truth: the capture with pictures and recorded cameras.
+        truth: the capture with pictures and recorded cameras, or with what the fit of the scene
+            found for them (`with_found_cameras`): renderings then have the exposures that the fit
+            learnt.
         out: folder to write: report.json, scores.jsonl with a line per picture, a contact sheet,
             and under <effect>/ each picture beside the truth.
         options: which pictures to score, and rays per pixel; None for the defaults.
@@ -83,10 +88,12 @@ def evaluate(
         which counts in no score; the same inside the field of view of
         any lens, less this rim (`psnr_masked`, `ssim_masked`), and inside the disc that the fisheye
         benchmark scores (`psnr_circle`), where these are not the whole picture (SSIM always without
-        the five pixels at the picture's border); PSNR of moving pixels; `flicker` of static pixels
-        beside the capture's own; FLIP and LPIPS if their packages are installed; frames per second
-        without compilation; under `parts` the same for training views, held-out cameras and
-        held-out times.
+        the five pixels at the picture's border); PSNR of moving pixels; PSNR after the best gain of
+        each picture and channel (`psnr_matched`) where exposures differ; mean opacity where masks
+        that cut an object out hide the pictures (`opacity_outside_masks`); `flicker` of static
+        pixels beside the capture's own; FLIP and LPIPS if their packages are installed; frames per
+        second without compilation; under `parts` the same for training views, held-out cameras and
+        held-out times. `remarks` holds sentences that scores do not say by themselves.
 
     Raises:
         ValueError: If an effect is unknown, or no frame is chosen.
@@ -94,10 +101,11 @@ def evaluate(
     if not is_primary():
         return _shared_report(None)
     out, options, trace = Path(out), options or EvaluateOptions(), trace or TraceOptions()
-    groups = truth.by_effect
-    chosen = _chosen_views(truth.folder, groups, options)
+    found = truth if isinstance(truth, FoundCapture) else FoundCapture(truth)
+    groups = found.capture.by_effect
+    chosen = _chosen_views(found.capture.folder, groups, options)
     remove_partial_files(out, deep=True)
-    evaluation = _Evaluation(out, truth, chosen, options, quiet)
+    evaluation = _Evaluation(out, found, chosen, options, quiet)
     for effect, views in chosen.items():
         sampling = dataclasses.replace(render or RenderOptions(), samples=options.samples(effect))
         renderer = Renderer(scene, options=sampling, trace=trace, devices=devices)
@@ -135,13 +143,13 @@ class _Evaluation:
     def __init__(
         self,
         out: Path,
-        truth: Capture,
+        found: FoundCapture,
         chosen: dict[str, list[View]],
         options: EvaluateOptions,
         quiet: bool,
     ):
-        self.out, self.options = out, options
-        self.trained = {view.camera_name for view in truth.views if view.split == "train"}
+        self.out, self.options, self.found = out, options, found
+        self.silhouettes = _cut_out(found.capture.views)
         self.perceptual = perceptual_metrics()
         parts = [(len(v), _cost(v[0], options.samples(e))) for e, v in chosen.items()]
         total = sum(map(len, chosen.values()))
@@ -178,7 +186,11 @@ class _Evaluation:
             self.progress.report(len(self.lines), f"{effect}{mean}")
 
         score = partial(
-            score_picture, masks=masks, perceptual=self.perceptual, trained=self.trained
+            score_picture,
+            masks=masks,
+            perceptual=self.perceptual,
+            found=self.found,
+            silhouettes=self.silhouettes,
         )
         # Pictures are rendered while nothing else runs, for their times are measured; then they are
         # scored side by side.
@@ -200,6 +212,8 @@ class _Evaluation:
         check_files_exist(self.out, self.written)
         self.report["scene"] = scene_size(scene)
         self.report["versions"] = versions()
+        parts = {line["part"] for line in self.lines}
+        self.report["remarks"] = remarks(self.report, parts, self.found)
         write_image(self.out / "contact_sheet.png", contact_sheet(self.sheet, least=256))
         with atomic_path(self.out / SCORES) as partial:
             partial.write_text("".join(json.dumps(line) + "\n" for line in self.lines))
@@ -210,6 +224,12 @@ class _Evaluation:
         self.written.append(name)
         write_image(self.out / name, side_by_side(scored.real, scored.ours, scored.shown))
         return self.out / name
+
+
+def _cut_out(views: Sequence[View]) -> bool:
+    """Whether masks cut an object out of the pictures that a scene is fitted to."""
+    fitted = [view for view in views if view.split == "train"] or views
+    return len({(view.width, view.height) for view in fitted}) == 1 and are_silhouettes(fitted)
 
 
 def _rendered(

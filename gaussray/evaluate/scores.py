@@ -16,6 +16,8 @@ COLUMNS = (
     ("masked PSNR", "psnr_masked", 2),
     ("masked SSIM", "ssim_masked", 3),
     ("moving PSNR", "psnr_moving", 2),
+    ("exposure-matched PSNR", "psnr_matched", 2),
+    ("opacity outside masks", "opacity_outside_masks", 3),
     ("flicker", "flicker", 2),
     ("truth's", "flicker_truth", 2),
     ("FLIP", "flip", 3),
@@ -23,11 +25,17 @@ COLUMNS = (
     ("FPS", "fps", 1),
     ("frames", "frames", 0),
 )
-OPTIONAL = ("flicker", "flicker_truth", "flip", "lpips")
+OPTIONAL = (
+    *("psnr_matched", "opacity_outside_masks"),
+    *("flicker", "flicker_truth", "flip", "lpips"),
+)
 MEANS = (
     *("psnr", "ssim", "psnr_masked", "ssim_masked", "psnr_circle", "ssim_circle"),
-    *("flip", "lpips"),
+    *("psnr_matched", "opacity_outside_masks", "shown_share", "flip", "lpips"),
 )
+# Stops (rms) by which pictures must be lighter or darker than their renderings to have
+# exposure-matched scores.
+_STOPS, _EXPOSURE = 0.1, ("psnr_matched", "exposure_stops")
 
 
 def summary(
@@ -42,8 +50,11 @@ def summary(
 
     Returns:
         Means over the pictures, PSNR of moving pixels from their pooled mean squared error,
-        flicker, and under `parts` the same for each part, if there are several.
+        flicker, and under `parts` the same for each part, if there are several. `psnr_matched`
+        and `exposure_stops` (root mean square) are given where exposures differ.
     """
+    if _stops(rows) <= _STOPS:
+        rows = [{k: x for k, x in row.items() if k not in _EXPOSURE} for row in rows]
     names = sorted({row["part"] for row in rows})
     flicker = flicker or Flicker()
     parts = {
@@ -56,7 +67,7 @@ def summary(
 
 def scores_text(report: dict[str, Any]) -> str:
     """The effects of a report as a text table, with their parts below them; flicker, FLIP and LPIPS
-    only if measured."""
+    only if measured; then its remarks, a line each."""
     rows = []
     for name, row in report["effects"].items():
         rows.append((name, row))
@@ -69,10 +80,17 @@ def scores_text(report: dict[str, Any]) -> str:
     lines = [("effect", [head for head, _, _ in columns])]
     lines += [(n, [score_text(row, key, digits) for _, key, digits in columns]) for n, row in rows]
     widths = [max(len(head) + 2, 8) for head, _, _ in columns]
-    return "\n".join(
+    table = [
         f"{name:<20}" + "".join(f"{v:>{w}}" for v, w in zip(values, widths, strict=True))
         for name, values in lines
-    )
+    ]
+    return "\n".join([*table, *report.get("remarks", [])])
+
+
+def _stops(rows: Sequence[Mapping[str, Any]]) -> float:
+    """Root mean square of how much lighter pictures are than their renderings, in stops."""
+    stops = [row["exposure_stops"] for row in rows if "exposure_stops" in row]
+    return float(np.sqrt(np.mean(np.square(stops)))) if stops else 0.0
 
 
 def _means(rows: Sequence[dict[str, Any]], samples: int) -> dict[str, Any]:
@@ -85,6 +103,8 @@ def _means(rows: Sequence[dict[str, Any]], samples: int) -> dict[str, Any]:
             # Equal pictures have an infinite PSNR, which JSON cannot represent: it is null, and
             # what is not measured is left out.
             means[name] = round(mean, 4) if np.isfinite(mean) else None
+    if "psnr_matched" in means:
+        means["exposure_stops"] = round(_stops(rows), 4)
     error = [row["moving"] for row in rows if "moving" in row]
     if error:
         mse = sum(e for e, _ in error) / sum(n for _, n in error)

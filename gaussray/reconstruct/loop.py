@@ -19,7 +19,7 @@ from gaussray.reconstruct.optimize.state import State
 from gaussray.reconstruct.run_progress import RunProgress, StageSchedule
 from gaussray.reconstruct.session import Session
 from gaussray.reconstruct.step import step_schedule, train_block
-from gaussray.reconstruct.step_plan import StepPlan, TimedPlan
+from gaussray.reconstruct.step_plan import FEWEST_STEPS, FEWEST_STILL_STEPS, StepPlan, TimedPlan
 from gaussray.reconstruct.step_setup import (
     first_sizes,
     gaussian_count,
@@ -175,7 +175,8 @@ def planned_steps(session: Session, progress: RunProgress) -> StepPlan:
         return StepPlan(progress.planned)
     if fit.minutes:
         share = (_STILL_SHARE if coarse else 1 - _STILL_SHARE) if session.still_first else 1.0
-        return TimedPlan(60 * fit.minutes * share, fit.block)
+        fewest = FEWEST_STILL_STEPS if several and coarse else FEWEST_STEPS
+        return TimedPlan(60 * fit.minutes * share, fit.block, fewest)
     return StepPlan(StageSchedule(fit.fine if several else fit.coarse + fit.fine))
 
 

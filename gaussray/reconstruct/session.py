@@ -106,7 +106,7 @@ class Session:
             folder=log.out,
             report=self.progress_bar("read", len(part.views), patience=2.0).report,
         )
-        self.silhouettes = options.loss.backdrop_opacity > 0 and self.shared.once(
+        self.silhouettes = options.loss.outside_opacity > 0 and self.shared.once(
             "silhouettes", partial(are_silhouettes, views)
         )
         self.backdrop = None if self.silhouettes else backdrop_of(self.footage)
@@ -162,6 +162,11 @@ class Session:
     def has_videos(self) -> bool:
         """Whether any camera took several pictures. Only those tell what moves."""
         return len(np.unique(self.footage.viewpoints)) < len(self.footage.viewpoints)
+
+    @property
+    def carves(self) -> bool:
+        """Whether masks tell which places are empty: of what stands still, that they cut out."""
+        return self.silhouettes and len(self.times) == 1
 
     @property
     def shows_times_between(self) -> bool:
@@ -272,7 +277,8 @@ class Session:
             The scene, and for its static and then its moving Gaussians whether no ray has met them.
         """
         p, second, parts, unmet = state.parameters, state.adam.nu, [], []
-        for name, initial in zip(("static", "moving"), progress.initial, strict=True):
+        known = (0, 0) if self.silhouettes else progress.initial
+        for name, initial in zip(("static", "moving"), known, strict=True):
             gaussians = getattr(p, name)
             # A Gaussian that no ray has met was never moved nor split: it is in its first row.
             blind = ~np.any(np.asarray(getattr(second, name).mean), axis=1) & bool(state.step)

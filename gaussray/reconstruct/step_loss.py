@@ -144,11 +144,11 @@ def loss_of(
     terms = losses.terms(
         judged, truth, options=options.loss, side=batch.side, bundle=options.trace.bundle
     )
-    if options.loss.backdrop_opacity and (options.silhouettes or options.backdrop is not None):
-        nothing = hidden
-        if options.backdrop is not None:
-            nothing = (weight > 0) & like_backdrop(truth, options.backdrop)
-        terms["backdrop_opacity"] = jnp.mean(jnp.where(nothing, 1 - through, 0))
+    if options.loss.outside_opacity and options.silhouettes:
+        terms["outside_opacity"] = jnp.mean(jnp.where(hidden, 1 - through, 0))
+    if options.loss.backdrop_opacity and options.backdrop is not None:
+        plain = (weight > 0) & like_backdrop(truth, options.backdrop)
+        terms["backdrop_opacity"] = jnp.mean(jnp.where(plain, 1 - through, 0))
     if parameters.deformation is not None:
         terms |= regularizer.plane_terms(parameters.deformation.planes)
         control = parameters.deformation.control

@@ -12,8 +12,9 @@ from gaussray.reconstruct.run_progress import RunProgress, StageSchedule
 
 # Steps before the pace is known, and the most of any timed stage.
 _GUESS, _MOST = 3000, 200_000
-# No timed stage takes fewer steps: with less, nothing has formed.
-_LEAST = 600
+# No timed stage takes fewer steps: with less, nothing has formed. Nor does one of what stands still
+# where all that it does not show is taken as moving (experiments/captures/log.md).
+FEWEST_STEPS, FEWEST_STILL_STEPS = 600, 1200
 # Blocks between looks at held-out tiles.
 _CHECK = 10
 # Share of the plan before which no fit ends, and share of the steps so far that is added when
@@ -97,7 +98,7 @@ class TimedPlan(StepPlan):
     """As many steps as fit into a time from the end of the first block on, in whole blocks.
 
     Reading, stereo and compilation, also later on, do not count: they differ most from machine to
-    machine. There are at least _LEAST steps. The pace is measured during the first half; then the
+    machine. There are at least `fewest` steps. The pace is measured during the first half; then the
     plan never shrinks, and grows where steps have become much faster. When held-out tiles no longer
     improve, half as many steps as were done follow. Over steps that are planned anew after the
     first half the learning rates fall from what they are to their end.
@@ -105,15 +106,16 @@ class TimedPlan(StepPlan):
     Args:
         seconds: duration of the stage.
         block: steps of a block.
+        fewest: no fewer steps are planned, however long they take.
 
     Attributes:
         seconds_of_fewest: seconds that the fewest steps take, if they are planned and take longer.
     """
 
-    def __init__(self, seconds: float, block: int):
+    def __init__(self, seconds: float, block: int, fewest: int = FEWEST_STEPS):
         super().__init__(StageSchedule(_GUESS))
         self.most, self.seconds_of_fewest = _MOST, 0.0
-        self.seconds, self._block = seconds, block
+        self.seconds, self._block, self._fewest = seconds, block, fewest
         # Steps that are done, and when; and seconds in which a compiler worked.
         self._marks: list[tuple[int, float]] = []
         self._waited = 0.0
@@ -151,12 +153,12 @@ class TimedPlan(StepPlan):
             return False
         end = self._marks[0][1] + self.seconds + self._waited
         left = max(end - now, 0) / max(self._pace(), 1e-9)
-        blocks = max(int(max(done + left, _LEAST) / self._block), -(-done // self._block))
+        blocks = max(int(max(done + left, self._fewest) / self._block), -(-done // self._block))
         steps = min(blocks * self._block, _MOST)
         if self.schedule.begin or (done > self.steps / 2 and self.steps != _GUESS):
             return self._grown(done, steps)
-        fewest = _LEAST * self._pace()
-        self.seconds_of_fewest = fewest if steps <= _LEAST and fewest > self.seconds else 0.0
+        fewest = self._fewest * self._pace()
+        self.seconds_of_fewest = fewest if steps <= self._fewest and fewest > self.seconds else 0.0
         changed, self.schedule = steps != self.steps, StageSchedule(steps)
         return changed
 

@@ -9,11 +9,13 @@ import numpy as np
 
 from gaussray.camera.camera import Camera
 from gaussray.camera.shutter import time_window
-from gaussray.capture.capture import Capture, View
+from gaussray.capture.capture import View
 from gaussray.capture.frames import read_image
 from gaussray.capture.picture_file import read_levels
 from gaussray.capture.spread import evenly_spread
 from gaussray.dataset.images import srgb_levels
+from gaussray.evaluate.exposure import recorded_levels
+from gaussray.evaluate.found_cameras import FoundCapture
 from gaussray.evaluate.masks import levels_and_mask
 from gaussray.evaluate.metrics import psnr
 from gaussray.render.options import RenderOptions
@@ -47,17 +49,18 @@ def camera_plan(
     return Section("Cameras", camera_views(views, scene, names))
 
 
-def rendered_samples(scene: Scene | Clip, capture: Capture) -> Section | None:
-    """Two training and two held-out pictures of a capture beside renderings of the scene.
+def rendered_samples(scene: Scene | Clip, found: FoundCapture) -> Section | None:
+    """Two training and two held-out pictures of a capture beside renderings of the scene, as their
+    cameras record it.
 
     They are the middle pictures in time of the first and of the last camera of each split. Pictures
     too large for a CPU are not rendered; a note says so. None if the capture has no pinhole views.
 
     Args:
         scene: the scene, which is rendered with one ray per pixel.
-        capture: the capture, of which only the pinhole views count.
+        found: the capture, of which only the pinhole views count, with what the fit found for it.
     """
-    views = [one for split in SPLITS for one in _spread(capture.views, split)]
+    views = [one for split in SPLITS for one in _spread(found.capture.views, split)]
     if not views:
         return None
     most = max(view.width * view.height for view in views)
@@ -69,7 +72,7 @@ def rendered_samples(scene: Scene | Clip, capture: Capture) -> Section | None:
     renderer, figures = Renderer(scene, options=RenderOptions(samples=1)), []
     for view in views:
         truth, shown = levels_and_mask(view)
-        image = srgb_levels(renderer(view.camera).color)
+        image = recorded_levels(renderer(view.camera).color, found.response(view))
         # A picture that its mask hides has no score.
         score = f", {psnr(truth, image, shown):.2f} dB" if shown is None or shown.any() else ""
         caption = [tag("b", f"{SPLITS[view.split][:-1]} {view.camera_name}"),

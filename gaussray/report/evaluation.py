@@ -41,12 +41,15 @@ def score_table(report: dict[str, Any]) -> Section | None:
     body = [[name, *(score_text(row, key, n) for _, key, n in columns)] for name, row in rows]
     words = (
         "PSNR in dB between 8-bit sRGB pictures, mean over the pictures; what their masks hide "
-        "counts in no score. Masked: inside the lens's field of view. Moving: over pixels that "
-        "change in time. Flicker: standard deviation over time of pixels that never move, in 8-bit "
-        "levels (0-255), beside that of the capture. FPS: rendered frames per second without "
-        "compilation."
+        "counts in no score. Masked: over pixels that masks show, inside the lens's field of view. "
+        "Moving: over pixels that change in time. Exposure-matched: after the best gain of each "
+        "picture and channel. Opacity outside masks: of the rendering where masks hide the "
+        "picture, 0 to 1, lower is better. Flicker: standard deviation over time of pixels that "
+        "never move, in 8-bit levels (0-255), beside that of the capture. FPS: rendered frames per "
+        "second without compilation."
     )
-    return Section("Scores", [html_table(["effect", *(c[0] for c in columns)], body), note(words)])
+    table = html_table(["effect", *(c[0] for c in columns)], body)
+    return Section("Scores", [table, *map(note, report.get("remarks", [])), note(words)])
 
 
 def psnr_over_time(out: Path) -> Section | None:

@@ -9,6 +9,7 @@ from gaussray.capture.capture import Capture, View
 from gaussray.capture.formats.paired import read_cameras, read_capture
 from gaussray.capture.formats.transforms import PINHOLE_FILE, effect_file
 from gaussray.dataset.sample_manifest import read_samples
+from gaussray.evaluate.found_cameras import with_found_cameras
 from gaussray.io.atomic import atomic_path
 from gaussray.render.rig.fitted_cameras import read_fitted_cameras
 from gaussray.report import calibration, cameras, dataset, evaluation, reconstruction
@@ -63,7 +64,7 @@ def _reconstruct_sections(
 ) -> _Sections:
     return [
         _summary(out),
-        cameras.rendered_samples(scene, capture)
+        cameras.rendered_samples(scene, with_found_cameras(capture, out))
         if scene is not None and capture is not None
         else None,
         reconstruction.training_curves(out),

@@ -69,3 +69,9 @@ def counted(count: int, noun: str) -> str:
         noun: what one of them is called.
     """
     return f"{count:,} {noun}{'s' * (count != 1)}"
+
+
+def minutes_text(minutes: float) -> str:
+    """A number of minutes with its noun: `1 minute`, `1.5 minutes`, `12 minutes`."""
+    number = f"{minutes:.0f}" if minutes >= 9.95 else f"{minutes:.2g}"
+    return f"{number} minute{'s' * (number != '1')}"

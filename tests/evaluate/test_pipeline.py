@@ -11,13 +11,16 @@ from gaussray.camera.lens import Pinhole
 from gaussray.capture.formats.paired import read_capture
 from gaussray.capture.frames import read_encoded
 from gaussray.capture.picture_file import read_levels
-from gaussray.dataset.images import write_image
+from gaussray.color import srgb_decode
+from gaussray.dataset.images import srgb_levels, write_image
 from gaussray.evaluate import picture_scores, pipeline
-from gaussray.evaluate.masks import visible_mask
+from gaussray.evaluate.found_cameras import FoundCapture
+from gaussray.evaluate.masks import levels_and_mask, visible_mask
 from gaussray.evaluate.metrics import ssim
 from gaussray.evaluate.options import EvaluateOptions
 from gaussray.evaluate.pipeline import evaluate
 from gaussray.render.options import RenderOptions
+from gaussray.render.renderer import Renderer
 
 
 # Scores in a report are rounded to four places.
@@ -115,6 +118,49 @@ def spoil(views, hidden):
         picture = read_encoded(view).copy()
         picture[:, :hidden] = 255 - picture[:, :hidden]
         write_image(view.image, picture)
+
+
+def test_a_camera_s_known_exposure_is_no_error_and_an_unknown_one_is_matched(tmp_path):
+    folder = tmp_path / "capture"
+    toy.write_capture(folder, toy.scene(speed=0), times=(0.0,))
+    truth, gain = read_capture(folder), np.array([0.5, 0.8, 0.4])
+    (view,) = [view for view in truth.views if view.split == "test"]
+    write_image(view.image, srgb_levels(gain * srgb_decode(read_encoded(view) / 255)))
+    unknown = scores(truth, tmp_path / "unknown")
+    assert unknown["psnr"] < 25 and unknown["psnr_matched"] > 45
+    assert unknown["exposure_stops"] > 0.5
+    responses = {(view.camera_name, view.image.parent.resolve()): np.diag(gain)}
+    known = scores(FoundCapture(truth, responses), tmp_path / "known")
+    # Up to rounding; a table of equal exposures has no column of matched ones.
+    assert known["psnr"] > 45 and "psnr_matched" not in known
+    report = json.loads((tmp_path / "unknown/report.json").read_text())
+    assert any("fit.refine=[exposure]" in text for text in report["remarks"])
+
+
+def test_opacity_outside_masks_that_cut_something_out_is_a_score(tmp_path):
+    folder, half = tmp_path / "capture", toy.SIZE // 2
+    toy.write_capture(folder, toy.scene(speed=0), times=(0.0,))
+    plain = scores(masked(folder, half), tmp_path / "plain")
+    # Masks that hide the same of each picture cut nothing out.
+    assert "opacity_outside_masks" not in plain
+    names = sorted({view.camera_name for view in read_capture(folder).views})
+    for k, name in enumerate(names):
+        white = np.zeros((toy.SIZE, toy.SIZE), np.uint8)
+        row, column = divmod(k % 4, 2)
+        white[row * half : (row + 1) * half, column * half : (column + 1) * half] = 255
+        write_image(folder / f"masks/{name}.png", white)
+    truth = read_capture(folder)
+    found = scores(truth, tmp_path / "cut")
+    (view,) = [view for view in truth.views if view.split == "test"]
+    shown = levels_and_mask(view)[1]
+    renderer = Renderer(toy.scene(speed=0), options=RenderOptions(samples=1), trace=toy.TRACE)
+    opacity = renderer(view.camera).alpha[~shown].mean()
+    assert 0.1 < opacity < 1
+    assert found["opacity_outside_masks"] == pytest.approx(float(opacity), abs=CLOSE)
+    assert found["shown_share"] == 0.25
+    assert found["psnr_masked"] == found["psnr"] and found["ssim_masked"] == found["ssim"]
+    report = json.loads((tmp_path / "cut/report.json").read_text())
+    assert any("loss.outside_opacity" in text for text in report["remarks"])
 
 
 @pytest.mark.parametrize("bent", [False, True])

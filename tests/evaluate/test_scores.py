@@ -52,3 +52,29 @@ def test_a_table_shows_parts_below_their_effect_and_only_metrics_that_were_measu
         "train",
     ]
     assert "0.250" in text[1] and "0.375" in text[2] and "0.125" in text[3]
+
+
+def test_exposure_matched_scores_are_shown_only_where_exposures_differ():
+    def rows(*stops):
+        known = {"psnr_matched": 26.0, "part": "train"}
+        return [row(20.0 + k, exposure_stops=x, **known) for k, x in enumerate(stops)]
+
+    same = summary(rows(0.09, -0.09), 1)
+    assert "psnr_matched" not in same and "exposure_stops" not in same
+    assert "exposure" not in scores_text({"effects": {"pinhole": same}})
+    # sqrt((0.5^2 + 0.1^2) / 2)
+    found = summary(rows(0.5, -0.1), 1)
+    assert found["psnr_matched"] == 26 and found["exposure_stops"] == round(math.sqrt(0.13), 4)
+    assert "exposure-matched PSNR" in scores_text({"effects": {"pinhole": found}})
+
+
+def test_all_parts_have_exposure_matched_scores_or_none():
+    rows = [
+        row(20.0, "train", psnr_matched=20.0, exposure_stops=0.0),
+        row(20.0, "held_out_cameras", psnr_matched=24.0, exposure_stops=0.4),
+    ]
+    parts = summary(rows, 1)["parts"]
+    assert {n: p.get("psnr_matched") for n, p in parts.items()} == {
+        "held_out_cameras": 24,
+        "train": 20,
+    }

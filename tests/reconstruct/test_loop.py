@@ -1,10 +1,16 @@
-"""What is said of a stage whose time is too short."""
+"""How many steps a stage takes, and what is said where its time is too short."""
 
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
 
-from gaussray.reconstruct.loop import short_time_sentence
-from gaussray.reconstruct.run_progress import StageSchedule
-from gaussray.reconstruct.step_plan import TimedPlan
+from gaussray.reconstruct import step_plan
+from gaussray.reconstruct.loop import planned_steps, short_time_sentence
+from gaussray.reconstruct.options import FitOptions, ReconstructOptions
+from gaussray.reconstruct.run_progress import RunProgress, StageSchedule
+from gaussray.reconstruct.session import Session
+from gaussray.reconstruct.step_plan import FEWEST_STEPS, FEWEST_STILL_STEPS, TimedPlan
 
 
 def sentence(minutes, share, stage="coarse", before=0.0):
@@ -37,3 +43,26 @@ def test_a_stage_that_gets_all_of_the_time_says_nothing_of_shares():
 def test_short_shares_are_told_apart():
     assert "gets 0.08 minutes of them, and takes about 1.1 minutes" in sentence(0.32, 0.25)
     assert "gets 120 minutes of them" in sentence(480.0, 0.25)
+
+
+def test_what_stands_still_gets_steps_enough_before_all_else_counts_as_motion(monkeypatch):
+    def steps(stage, times=30, still_first=True):
+        session = object.__new__(Session)
+        session.options = ReconstructOptions(fit=FitOptions(minutes=0.001))
+        session.times, session.still_first = np.arange(times), still_first
+        plan, now = planned_steps(session, RunProgress(stage=stage)), SimpleNamespace(value=100.0)
+        monkeypatch.setattr(step_plan.time, "monotonic", lambda: now.value)
+        for done in range(50, 350, 50):
+            # A second for each step.
+            now.value += 50
+            plan.after_block(done)
+        return plan.steps, plan.seconds_of_fewest
+
+    assert FEWEST_STILL_STEPS > FEWEST_STEPS
+    assert steps("coarse") == (FEWEST_STILL_STEPS, pytest.approx(FEWEST_STILL_STEPS))
+    assert steps("fine") == (FEWEST_STEPS, pytest.approx(FEWEST_STEPS))
+    # Photographs of one time have one stage.
+    assert steps("coarse", times=1, still_first=False) == (
+        FEWEST_STEPS,
+        pytest.approx(FEWEST_STEPS),
+    )

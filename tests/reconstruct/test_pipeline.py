@@ -492,7 +492,7 @@ def test_the_report_says_what_the_design_says(fitted, capture, tmp_path):
         quiet=True,
     )
     assert json.loads((tmp_path / "report.json").read_text()) == report
-    assert set(report) == {"frames", "effects", "scene", "versions"}
+    assert set(report) == {"frames", "effects", "scene", "versions", "remarks"}
     assert report["frames"] == 3
     assert {"psnr", "ssim", "fps", "frames"} <= set(report["effects"]["pinhole"])
     assert set(report["scene"]) == {"gaussians", "moving", "bytes"}

@@ -41,7 +41,7 @@ def test_silhouettes_are_told_once_and_have_no_backdrop(tmp_path, capsys):
     session = [Session(capture, log, toy.SHORT, False, shared=shared) for _ in range(2)][0]
     assert session.silhouettes and session.backdrop is None
     assert capsys.readouterr().out.count("Masks cut an object out of the pictures") == 1
-    loss = replace(toy.SHORT.loss, backdrop_opacity=0.0)
+    loss = replace(toy.SHORT.loss, outside_opacity=0.0)
     assert not Session(capture, log, replace(toy.SHORT, loss=loss), True).silhouettes
 
 

@@ -65,7 +65,7 @@ def test_a_weight_of_zero_switches_a_cost_off_and_splitting_has_none():
 def test_every_term_has_the_weight_of_its_key():
     options = StepOptions(LossOptions(l1=0.8, dssim=0.2), OptimizerOptions(), TraceOptions())
     weights = options.loss.weights
-    assert weights["l1"] == 0.8 and weights["dssim"] == 0.2 and weights["backdrop_opacity"] == 0.1
+    assert weights["l1"] == 0.8 and weights["dssim"] == 0.2 and weights["outside_opacity"] == 0.3
 
 
 def loss_before_black(opacity, loss, ignore_moving=None, *, visible=None, step=0, **other):
@@ -123,17 +123,17 @@ def test_what_is_black_before_a_black_backdrop_costs_its_opacity():
 
 
 def test_beside_a_silhouette_opacity_costs_and_colour_does_not():
-    loss, opacity = LossOptions(**NO_PLANES, backdrop_opacity=0.1), toy.single(0.6)
+    loss, opacity = LossOptions(**NO_PLANES, outside_opacity=0.3), toy.single(0.6)
     hidden = {"visible": np.zeros(16**2, bool)}
     _, terms, _ = loss_before_black(opacity, loss, **hidden, silhouettes=True)
-    assert terms["l1"] == 0 and terms["backdrop_opacity"] > 0.03
+    assert terms["l1"] == 0 and terms["outside_opacity"] > 0.03 and len(terms) == 3
     # Masks that are no silhouettes leave open what is behind them.
     value, terms, _ = loss_before_black(opacity, loss, **hidden, silhouettes=False)
-    assert value == 0 and "backdrop_opacity" not in terms
+    assert value == 0 and "outside_opacity" not in terms
 
 
 def test_within_a_silhouette_another_colour_is_behind_in_each_step():
-    loss, whole = LossOptions(**NO_PLANES, backdrop_opacity=0.1), {"visible": np.ones(16**2, bool)}
+    loss, whole = LossOptions(**NO_PLANES, outside_opacity=0.3), {"visible": np.ones(16**2, bool)}
 
     def costs(opacity):
         opacity = toy.single(opacity)

@@ -8,6 +8,7 @@ import toy
 
 from gaussray.capture.formats.paired import read_capture
 from gaussray.dataset.images import write_image
+from gaussray.evaluate.found_cameras import FoundCapture
 from gaussray.report.cameras import rendered_samples
 
 
@@ -20,7 +21,7 @@ def test_a_picture_that_its_mask_hides_has_no_figure(tmp_path, hidden):
     first = content["frames"][0]
     first["mask_path"] = "mask.png"
     (tmp_path / "transforms.json").write_text(json.dumps(content))
-    section = rendered_samples(toy.scene(speed=0), read_capture(tmp_path))
+    section = rendered_samples(toy.scene(speed=0), FoundCapture(read_capture(tmp_path)))
     captions = "".join(map(str, section.body)).split("<figcaption>")[1:]
     own = [text.split("</figcaption>")[0] for text in captions]
     assert len(own) > 1 and not any("nan" in text for text in own)

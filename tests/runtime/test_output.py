@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from gaussray.runtime.output import emit, first_of, listed_names
+from gaussray.runtime.output import emit, first_of, listed_names, minutes_text
 
 
 # Says that it works, waits until nobody reads any more, goes on, and leaves a file.
@@ -78,3 +78,12 @@ def test_what_is_not_told_is_counted():
     assert listed_names([*everyone[0:16:2], *everyone[20:30]], everyone) == f"{EVEN} and 10 others"
     # Without an order nothing is a range.
     assert listed_names(everyone[:10]) == "0, 1, 2, 3, 4, 5, 6, 7 and 2 others"
+
+
+@pytest.mark.parametrize(
+    ("minutes", "said"),
+    [(1.0, "1 minute"), (1.5, "1.5 minutes"), (0.25, "0.25 minutes"), (9.96, "10 minutes")]
+    + [(4.8, "4.8 minutes"), (30.4, "30 minutes")],
+)
+def test_minutes_below_ten_have_a_decimal(minutes, said):
+    assert minutes_text(minutes) == said

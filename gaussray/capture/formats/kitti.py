@@ -88,6 +88,26 @@ def kitti_near_miss(folder: Path) -> str:
     return f"{first} has twelve numbers a line, as poses of KITTI have. It needs {needs}."
 
 
+def is_kitti_without_poses(folder: Path) -> bool:
+    """Whether a folder has pictures and projections of KITTI (`P0: ...`), but no poses."""
+    calibration = folder / KITTI_CALIBRATION
+    if any(_poses_files(folder)) or not _cameras(folder):
+        return False
+    return has_kitti_projections(calibration)
+
+
+def has_kitti_projections(path: Path) -> bool:
+    """Whether a file has projections with KITTI's labels, `P0: ...` or `P_rect_00: ...`."""
+    labelled = (_LABEL.fullmatch(line) for _, line in lines_of(head_of(path)))
+    return _has_projection(path) and any(labelled)
+
+
+def kitti_matrices(path: Path) -> dict[str, Float[np.ndarray, "3 3"]]:
+    """The camera matrix of each projection in a calibration, by its name, `P0`; the middle of the
+    first pixel is 0."""
+    return {f"P{k}": matrix[:, :3] for k, (_, matrix) in _projections(path).items()}
+
+
 def has_kitti_folders(folder: Path) -> bool:
     """Whether a folder has KITTI's own folders of pictures, such as `image_2/`."""
     return bool(_pair(folder))

@@ -11,7 +11,11 @@ from gaussray.capture.formats.bundler import BUNDLE_FILES
 from gaussray.capture.formats.colmap_files import PLACES
 from gaussray.capture.formats.euroc import euroc_near_miss
 from gaussray.capture.formats.immersive import MODELS_FILE
-from gaussray.capture.formats.kitti import kitti_near_miss
+from gaussray.capture.formats.kitti import (
+    KITTI_CALIBRATION,
+    is_kitti_without_poses,
+    kitti_near_miss,
+)
 from gaussray.capture.formats.nerfies import DATASET_FILE
 from gaussray.capture.formats.picture_folder import folders_in, media_folder, media_in
 from gaussray.capture.formats.pinf import INFO_FILE
@@ -91,6 +95,7 @@ def remedy_for(folder: Path, is_capture: Callable[[Path], bool]) -> str:
         _visual_sfm,
         _calibration_of_other_tool,
         _near_miss,
+        _kitti_without_poses,
         _pictures_without_poses,
     )
     return next(filter(None, (remedy(folder) for remedy in remedies)), "")
@@ -233,6 +238,19 @@ def _near_miss(folder: Path) -> str:
     text = next(filter(None, (miss(folder) for miss in misses)), "")
     more = "For matrices of your own, see docs/captures.md#poses-of-your-own."
     return f"{text} Or {_new_poses(media_folder(folder))}. {more}" if text else ""
+
+
+def _kitti_without_poses(folder: Path) -> str:
+    """Of pictures and projections of KITTI, whose lens is known."""
+    if not is_kitti_without_poses(folder):
+        return ""
+    calibration = folder / KITTI_CALIBRATION
+    return (
+        f"{KITTI_CALIBRATION} has projections as KITTI's, but the poses are missing: poses.txt "
+        "must have twelve numbers for each picture. `gaussray prepare "
+        f"videos={media_folder(folder)} poses.lens={calibration} frames.rate=10 out=OUT` finds "
+        "poses with the lens of the projections (frames.rate: KITTI has 10 pictures a second)."
+    )
 
 
 def _pictures_without_poses(folder: Path) -> str:

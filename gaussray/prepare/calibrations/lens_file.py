@@ -5,12 +5,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from gaussray.capture.formats.json_keys import Keys
+from gaussray.capture.formats.kitti import has_kitti_projections, kitti_matrices
 from gaussray.capture.formats.transforms import json_content
 from gaussray.io.safe.arrays import Damaged, read_npz
 from gaussray.io.safe.files import read_text
 from gaussray.prepare.calibrations.camera_values import has_matrix, tell_few_coefficients
-from gaussray.prepare.calibrations.known_camera import check_name
+from gaussray.prepare.calibrations.known_camera import check_name, opencv_camera
 from gaussray.prepare.calibrations.lens_values import camera_of_values
 from gaussray.prepare.calibrations.listed_values import NAMES_REMEDY
 from gaussray.prepare.calibrations.named_cameras import named_cameras, whole_camera
@@ -26,8 +29,8 @@ from gaussray.prepare.lens_models import LensKeyValues
 _KINDS = (
     "OpenCV's .yml, .xml or .npz with camera_matrix and distortion_coefficients (also mtx and "
     "dist, K and D), ROS's camera_info .yaml, EuRoC's sensor.yaml, Kalibr's camchain.yaml, "
-    "Pose2Sim's or Anipose's .toml, .json with K and dist or with fl_x fl_y cx cy k1 ... w h, or "
-    "the numbers themselves: poses.lens=[fx,fy,cx,cy,k1,k2,p1,p2]"
+    "Pose2Sim's or Anipose's .toml, KITTI's calib.txt, .json with K and dist or with fl_x fl_y cx "
+    "cy k1 ... w h, or the numbers themselves: poses.lens=[fx,fy,cx,cy,k1,k2,p1,p2]"
 )
 # Keys of a capture's JSON that say a lens at the top of the file.
 _CAPTURE = ("fl_x", "camera_angle_x")
@@ -55,6 +58,11 @@ def read_lenses(path: Path | str) -> dict[str, LensKeyValues]:
         camera = read_tsai(path, path.stem)
         tell_tsai(path, {path.stem: camera})
         return {path.stem: camera.camera.lens}
+    if has_kitti_projections(path):
+        return {
+            name: opencv_camera(path, name, matrix, np.zeros(0), np.eye(3, 4)).lens
+            for name, matrix in kitti_matrices(path).items()
+        }
     content = _content(path)
     found = _lenses(path, content) if isinstance(content, Mapping | list) else {}
     return found or _calibrated_lenses(path)

@@ -16,6 +16,8 @@ STOPS = 0.15
 _CLIPPED = 0.25
 # Names that are listed, at most.
 _LISTED = 8
+# Stops by which the channels of pictures without colour differ at most.
+_GREY = 0.005
 _CHANNELS = ("red", "green", "blue")
 _LOCK = "fit.refine=[exposure]; better: lock exposure and white balance when recording."
 _LOCK_ALONE = "Lock exposure and white balance when recording; a fit has one gain for each camera."
@@ -71,7 +73,10 @@ def picture_exposure_findings(
         return []
     stops, names = np.stack(list(known.values())), list(known)
     worst = int(np.abs(stops).max(axis=0).argmax())
-    size, channel = float(np.abs(stops[:, worst]).max()), _CHANNELS[worst]
+    size = float(np.abs(stops[:, worst]).max())
+    # The channels of grey pictures are equal.
+    grey = float(np.ptp(stops, axis=1).max()) < _GREY
+    channel = "" if grey else f" of {_CHANNELS[worst]}"
     left = len(gains) - len(known)
     but = f"; {left} of {len(gains)} share too few points to be compared" if left else ""
     if size <= STOPS:
@@ -79,7 +84,7 @@ def picture_exposure_findings(
         return [Finding("good", "exposure", text)]
     darkest, brightest = names[stops[:, worst].argmin()], names[stops[:, worst].argmax()]
     text = (
-        f"pictures of a camera differ from their mean by up to {size:.2f} stops of {channel} "
+        f"pictures of a camera differ from their mean by up to {size:.2f} stops{channel} "
         f"({darkest} is the darkest, {brightest} the brightest){but}"
     )
     return [Finding("warn", "exposure", text, _LOCK if photographs else _LOCK_ALONE)]

@@ -16,9 +16,9 @@ import numpy as np
 
 from gaussray.capture.capture import Capture, View, viewpoints
 from gaussray.capture.selection import Selection, selected
-from gaussray.capture.view_file import shown_size
 from gaussray.reconstruct.auto.machine import Machine
 from gaussray.reconstruct.auto.motion_trial import ENOUGH_CAMERAS
+from gaussray.reconstruct.auto.picture_scale import picture_scale, pixel_count
 from gaussray.reconstruct.auto.presets import (
     body_preset,
     for_few_viewpoints,
@@ -29,7 +29,7 @@ from gaussray.reconstruct.auto.presets import (
 from gaussray.reconstruct.data.segments import training_views
 from gaussray.reconstruct.data.still_cameras import one_at_a_time
 from gaussray.reconstruct.options import FitOptions, ReconstructOptions
-from gaussray.runtime.output import counted
+from gaussray.runtime.output import counted, minutes_text
 
 
 MOTION_NOUNS = {
@@ -75,12 +75,18 @@ def auto_choice(capture: Capture, options: ReconstructOptions, machine: Machine)
         machine = machine._replace(gpus=1)
     names = ("none",) if alike else motions(capture, options, machine)
     still = names == ("none",)
-    minutes = machine.minutes_for(_pixels(views), still=still)
-    scale = _scale(views, machine, names[0])
+    given = _is_set(options, "fit.coarse") or _is_set(options, "fit.fine")
+    minutes = machine.minutes_for(pixel_count(views), still=still)
+    # A GPU has the memory for so many pixels; on a CPU, bodies are fitted by numbers of steps.
+    timed = not (given or machine.gpu or names[0] == "deformation")
+    longer = max(options.fit.minutes / minutes, 1.0) if timed else 1.0
+    scale, size = picture_scale(views, machine, names[0], longer), ""
     if scale < 1:
         capture = selected(capture, Selection(scale=scale))
         views = training_views(capture)
-    pixels = _pixels(views)
+        # They would take as many times as long as they have pixels.
+        size = _size(views[0], scale, minutes * longer / scale**2 if timed else 0.0)
+    pixels = pixel_count(views)
     if still:
         chosen = still_preset(pixels, minutes, machine)
         if not alike:
@@ -96,14 +102,14 @@ def auto_choice(capture: Capture, options: ReconstructOptions, machine: Machine)
         # The pictures, which are read later, do not change what is set.
         explicit = (*options.explicit_keys, "density.opacity_cost")
         options = replace(options, explicit_keys=explicit)
-    given = _is_set(options, "fit.coarse") or _is_set(options, "fit.fine")
     options = with_defaults(options, chosen)
     if given or not chosen.fit.minutes:
         options = replace(options, fit=replace(options.fit, minutes=0.0))
     # A fit that is shorter than a trial is worth none.
     long = options.fit.minutes > 0 or options.fit.fine >= machine.trial_steps(names[0])
     candidates = names if len(names) > 1 and long else ()
-    return AutoChoice(capture, options, _sentence(options, views, scale, still), candidates, scale)
+    sentence = _sentence(options, len(views), size, still)
+    return AutoChoice(capture, options, sentence, candidates, scale)
 
 
 def _is_set(options: ReconstructOptions, key: str) -> bool:
@@ -111,19 +117,6 @@ def _is_set(options: ReconstructOptions, key: str) -> bool:
     part, name = key.split(".")
     value, default = (getattr(getattr(o, part), name) for o in (options, ReconstructOptions()))
     return value != default or key in options.explicit_keys
-
-
-def _pixels(views: Sequence[View]) -> float:
-    return float(sum(width * height for width, height in map(shown_size, views)))
-
-
-def _scale(views: Sequence[View], machine: Machine, motion: str) -> float:
-    """The scale at which the machine has the time to see each pixel a few times. Of more times than
-    motion is looked at in, so many count: a longer video of the same things is no reason for
-    smaller pictures."""
-    times = 1 if motion == "none" else len({view.time for view in views})
-    pixels = _pixels(views) * min(1.0, machine.instants / times)
-    return min(1.0, math.sqrt(machine.most_pixels(motion) / max(pixels, 1.0)))
 
 
 def with_defaults(options: ReconstructOptions, chosen: ReconstructOptions) -> ReconstructOptions:
@@ -223,10 +216,17 @@ def _along_a_path(views: Sequence[View]) -> bool:
     return bool(step < 0.5 * np.sqrt(np.sum(np.var(eye, axis=0))))
 
 
-def _sentence(options: ReconstructOptions, views: Sequence[View], scale: float, still: bool) -> str:
-    fit, parts = options.fit, [f"fit=auto: {counted(len(views), 'picture')}"]
-    if scale < 1:
-        parts.append(f"scaled by {scale:.2f} to {views[0].width} x {views[0].height}")
+def _size(view: View, scale: float, enough: float) -> str:
+    """What is said of scaled pictures, with the fit.minutes that keep their size (0: none do)."""
+    text = f"scaled by {scale:.2f} to {view.width} x {view.height}"
+    remedy = f" (fit.minutes={math.ceil(enough)} keeps their size)"
+    return text + remedy if enough else text
+
+
+def _sentence(options: ReconstructOptions, count: int, size: str, still: bool) -> str:
+    fit, parts = options.fit, [f"fit=auto: {counted(count, 'picture')}"]
+    if size:
+        parts.append(size)
     if still or options.density.relocates:
         most = max(options.density.gaussians, fit.points)
         parts.append(f"up to {most:,} Gaussians, or all starting points if these are more")
@@ -236,9 +236,7 @@ def _sentence(options: ReconstructOptions, views: Sequence[View], scale: float, 
     elif not still:
         parts.append(f"motion by {MOTION_NOUNS[fit.motion]} (fit.motion)")
     if fit.minutes:
-        minutes = f"{fit.minutes:.0f}" if fit.minutes >= 1 else f"{fit.minutes:.1g}"
-        noun = "minute" if minutes == "1" else "minutes"
-        parts.append(f"about {minutes} {noun} of steps (fit.minutes)")
+        parts.append(f"about {minutes_text(fit.minutes)} of steps (fit.minutes)")
         return f"{', '.join(parts)}; reading, stereo and compilation take extra time."
     elif still:
         steps = fit.coarse + fit.fine

@@ -29,8 +29,11 @@ def doubtful_views(names: list[str], error: Float[np.ndarray, "pictures tiles"])
     far = [names[judged[k]] for k in worst if mean[k] > _FAR * np.median(mean)]
     if not far:
         return ""
+    among = f"{len(judged)} training pictures"
+    if len(judged) < len(names):
+        among = f"the {len(judged)} training pictures that were compared"
     return (
-        f"{len(far)} of {len(judged)} training pictures stay far from the scene (more than "
+        f"{len(far)} of {among} stay far from the scene (more than "
         f"{_FAR:g} times the error of the median picture): {listed_names(far, most=_LISTED)}. "
         "Their poses may be wrong, or no other picture shows what they do. To fit without one, "
         f"hold it out: capture.test=['{far[0]}']."

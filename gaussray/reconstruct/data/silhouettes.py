@@ -20,7 +20,7 @@ _LOOKED_AT = 32
 
 SILHOUETTES_SENTENCE = (
     "Masks cut an object out of the pictures: what they hide is taken as empty "
-    "(loss.backdrop_opacity=0 leaves it open)."
+    "(loss.outside_opacity=0 leaves it open)."
 )
 
 

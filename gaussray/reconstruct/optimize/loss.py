@@ -21,9 +21,9 @@ class LossOptions(eqx.Module):
     Args:
         l1: mean absolute difference of sRGB-encoded colours (4D-GRT: 1; 3DGS and 3DGRT: 0.8).
         dssim: 1 - SSIM of sRGB-encoded colours (4D-GRT: 0; 3DGS and 3DGRT: 0.2).
-        backdrop_opacity: mean opacity of the pixels that show a plain backdrop (`data.backdrop`),
-            or that silhouettes hide (`data.silhouettes`): what is there costs nothing else, and
-            hides things from other cameras.
+        backdrop_opacity: mean opacity of the pixels that show a plain backdrop (`data.backdrop`):
+            what is there costs nothing else, and hides things from other cameras.
+        outside_opacity: mean opacity of the pixels that silhouettes hide (`data.silhouettes`).
         plane_variation: plane regulariser in space (`regularizer.plane_terms`).
         time_smoothness: plane regulariser in time.
         time_planes_from_one: plane regulariser towards a field that does not change.
@@ -37,6 +37,7 @@ class LossOptions(eqx.Module):
     l1: float = eqx.field(static=True, default=1.0)
     dssim: float = eqx.field(static=True, default=0.0)
     backdrop_opacity: float = eqx.field(static=True, default=0.1)
+    outside_opacity: float = eqx.field(static=True, default=0.3)
     plane_variation: float = eqx.field(static=True, default=1e-4)
     time_smoothness: float = eqx.field(static=True, default=1e-3)
     time_planes_from_one: float = eqx.field(static=True, default=1e-4)

@@ -6,13 +6,19 @@ from pathlib import Path
 from typing import Any
 
 import jax.numpy as jnp
-from jaxtyping import DTypeLike
+import numpy as np
+from jaxtyping import DTypeLike, Float
 
 from gaussray.capture.capture import View
+from gaussray.capture.errors import CaptureError
 from gaussray.capture.formats.json_keys import Keys
 from gaussray.capture.formats.paired import cameras_in
 from gaussray.capture.formats.transforms import read_document
 from gaussray.dataset.manifest import CAMERAS_FILE, FIT_SCALE
+
+
+# What a fit finds of the colours of a camera, and its shape.
+_RESPONSE = {"gain": (3,), "color_matrix": (3, 3)}
 
 
 @dataclass(frozen=True)
@@ -41,6 +47,44 @@ class FittedCameras:
     def pictures(self) -> list[str]:
         """The file of each frame's picture, as the reconstruction named it."""
         return [str(frame["file_path"]) for frame in self.document.values["frames"]]
+
+    @property
+    def training_pictures(self) -> dict[str, list[Path]]:
+        """The files that the scene was fitted to, by the name of their camera."""
+        found: dict[str, list[Path]] = {}
+        for frame in self.document.values["frames"]:
+            if frame.get("split") == "train":
+                found.setdefault(str(frame.get("camera")), []).append(Path(frame["file_path"]))
+        return found
+
+    @property
+    def color_responses(self) -> dict[str, Float[np.ndarray, "3 3"]]:
+        """Matrix of linear red, green and blue of each camera whose exposure or colours were
+        refined: its gains times its colour matrix, rows are output channels.
+
+        Raises:
+            CaptureError: a gain is not three numbers, or a colour matrix not 3 x 3.
+        """
+        gains, matrices = (self._by_camera(name, n) for name, n in _RESPONSE.items())
+        return {
+            name: np.diag(gains.get(name, np.ones(3))) @ matrices.get(name, np.eye(3))
+            for name in gains | matrices
+        }
+
+    def _by_camera(self, key: str, shape: tuple[int, ...]) -> dict[str, np.ndarray]:
+        """The numbers of each camera under a key of `info`."""
+        known = self._info.get(key) or {}
+        try:
+            found = {name: np.asarray(value, np.float64) for name, value in known.items()}
+        except (AttributeError, TypeError, ValueError):
+            found = {"": np.zeros(0)}
+        if not all(x.shape == shape and np.isfinite(x).all() for x in found.values()):
+            size = " x ".join(map(str, shape))
+            raise CaptureError(
+                f"{self.document.where}: info.{key} must hold {size} numbers for each camera. "
+                f"Write the file again with `gaussray reconstruct`, or remove info.{key}."
+            )
+        return found
 
     def views(self, dtype: DTypeLike = jnp.float32) -> list[View]:
         """The view of each frame, as large as the capture's pictures.

@@ -10,6 +10,7 @@ from known_photograph import PIXELS, PLACE, TURN, pixels, seen_points, write_pic
 from gaussray.capture.errors import CaptureError, CaptureWarning
 from gaussray.capture.formats.kitti import kitti_near_miss, read_kitti
 from gaussray.capture.open import format_of, open_capture
+from gaussray.prepare.calibrations.lens_file import read_lenses
 
 
 K = np.array([[50.0, 0, 31.5], [0, 52.0, 23.5], [0, 0, 1]])
@@ -204,6 +205,36 @@ def test_only_what_is_not_there_is_asked_for(tmp_path, calibration, pictures, ne
     assert kitti_near_miss(tmp_path) == POSES_TOLD + needs
     with pytest.raises(CaptureError, match=re.escape(f"known format: {POSES_TOLD}{needs} Or")):
         open_capture(tmp_path)
+
+
+@pytest.mark.parametrize("labels", [("P0: ", "P1: "), ("P_rect_00: ", "P_rect_01: ")])
+@pytest.mark.parametrize("left", ["image_0", "images"])
+def test_without_poses_the_command_that_finds_them_is_given(tmp_path, left, labels):
+    lay(tmp_path, left, left, labels)
+    (tmp_path / "poses.txt").unlink()
+    command = (
+        f"gaussray prepare videos={tmp_path / left} poses.lens={tmp_path / 'calib.txt'} "
+        "frames.rate=10 out=OUT"
+    )
+    with pytest.raises(CaptureError) as caught:
+        open_capture(tmp_path)
+    told = str(caught.value)
+    assert "the poses are missing" in told and command in told and "of no format" not in told
+    # The lenses of the projections are read, and are one; `Tr:` is none.
+    lenses = read_lenses(tmp_path / "calib.txt")
+    assert list(lenses) == ["P0", "P1"] and lenses["P0"] == lenses["P1"]
+    assert lenses["P0"]["fl_x"] == pytest.approx(K[0, 0])
+    assert lenses["P0"]["cx"] == pytest.approx(K[0, 2] + 0.5)
+
+
+@pytest.mark.parametrize("calibration", ["500 500 8 6", "P0: 1 2 3", "fx: 500"])
+def test_a_calibration_without_projections_is_none_of_kitti(tmp_path, calibration):
+    lay(tmp_path)
+    (tmp_path / "poses.txt").unlink()
+    (tmp_path / "calib.txt").write_text(calibration)
+    with pytest.raises(CaptureError, match="is no capture of a known format") as caught:
+        open_capture(tmp_path)
+    assert "poses are missing" not in str(caught.value)
 
 
 @pytest.mark.parametrize("values", ["0 " * 12, "nan " * 12])

@@ -77,3 +77,10 @@ def test_pictures_of_a_camera_on_its_way_are_compared_channel_by_channel():
     (doubt,) = of_pictures({"a": [0.2, 0, 0], "b": [-0.2, 0, 0]}, photographs=False)
     assert "fit.refine" not in doubt.remedy and doubt.remedy.startswith("Lock exposure")
     assert of_pictures({}) == [] and of_pictures({"a": [0.0] * 3, "b": [np.nan] * 3}) == []
+
+
+def test_grey_pictures_differ_in_no_channel():
+    (doubt,) = of_pictures({"a": [0.3] * 3, "b": [-0.3] * 3})
+    assert "by up to 0.30 stops (b is the darkest, a the brightest)" in doubt.text
+    (doubt,) = of_pictures({"a": [0.3, 0.3, 0.31], "b": [-0.3] * 3})
+    assert "0.31 stops of blue" in doubt.text

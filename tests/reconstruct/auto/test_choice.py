@@ -67,7 +67,7 @@ def test_photographs_of_one_time_get_relocation_under_a_budget_and_a_time(machin
     assert density.relocates and density.gaussians > fit.points
     assert fit.minutes >= machine.minutes and fit.tile_side == 32
     assert f"{density.gaussians:,} Gaussians" in chosen.sentence
-    assert f", about {fit.minutes:.0f} minutes of steps (fit.minutes); reading" in chosen.sentence
+    assert f", about {fit.minutes:.2g} minutes of steps (fit.minutes); reading" in chosen.sentence
 
 
 @pytest.mark.parametrize("still", [True, False])

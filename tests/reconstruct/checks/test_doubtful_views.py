@@ -42,4 +42,5 @@ def test_tiles_that_were_never_drawn_say_nothing_of_a_picture():
     error = np.full((10, 8), 0.02)
     error[1, 0], error[2, 4:], error[5, 0], error[5, 1:], error[8] = 0.1, np.nan, 0.9, np.nan, 0.2
     line = doubtful_views(NAMES, error)
-    assert line.startswith("1 of 9 training pictures") and ": p8. " in line
+    assert line.startswith("1 of the 9 training pictures that were compared stay")
+    assert ": p8. " in line

@@ -24,11 +24,9 @@ from gaussray.reconstruct.initialize.stereo.neighbours import typical_spread
 from gaussray.reconstruct.initialize.stereo.view_sets import StereoViewSet, small_views, some_views
 from gaussray.reconstruct.initialize.stereo.views import (
     StereoViews,
-    distance_from,
-    rays,
-    seen_at,
+    places_in_view,
+    shown_pixels,
     stereo_views,
-    unpacked,
 )
 from gaussray.runtime.progress import ProgressReport, no_report
 from gaussray.runtime.stored_programs import kept_jit
@@ -79,7 +77,7 @@ def uncovered_points(
         dice = np.random.default_rng([seed, i, 4])
         index = jnp.asarray(i)
         nearest, (ray, color, visible) = jax.device_get(
-            (_nearest(views, index, jnp.asarray(every), side), _shown(views, index))
+            (_nearest(views, index, jnp.asarray(every), side), shown_pixels(views, index))
         )
         empty = ~np.isfinite(nearest)
         if not empty.any():
@@ -132,7 +130,7 @@ def coverage(
     for i in range(len(seen.frames)):
         index = jnp.asarray(i)
         nearest, (ray, color, mask) = jax.device_get(
-            (_nearest(views, index, jnp.asarray(position), side), _shown(views, index))
+            (_nearest(views, index, jnp.asarray(position), side), shown_pixels(views, index))
         )
         shown = mask & np.any(ray != 0, axis=0)
         if plain is not None:
@@ -177,7 +175,7 @@ def hiding(
         nearest = np.asarray(_nearest(views, jnp.asarray(i), known, side))
         if not np.isfinite(nearest).any():
             continue
-        column, row, away, inside = jax.device_get(_places(views, jnp.asarray(i), balls))
+        column, row, away, inside = jax.device_get(places_in_view(views, jnp.asarray(i), balls))
         y, x = (
             np.clip(np.where(inside, place, 0).astype(int) // side, 0, number - 1)
             for place, number in zip((row, column), cells, strict=True)
@@ -200,7 +198,7 @@ def _nearest(
     views: StereoViews, i: Int[Array, ""], position: Float[Array, "points 3"], side: int
 ) -> Float[Array, "rows columns"]:
     """Distance of the nearest point in each cell of a view, infinite in those without any."""
-    column, row, away, inside = _places(views, i, position)
+    column, row, away, inside = places_in_view(views, i, position)
     cells = [size // side for size in views.size]
     x, y = (jnp.floor(place / side).astype(jnp.int32) for place in (column, row))
     nearest = jnp.full(cells, jnp.inf, away.dtype)
@@ -214,22 +212,3 @@ def _with_gaps_filled(
     empty = ~np.isfinite(nearest)
     beside = np.asarray(distance_transform_edt(empty, return_distances=False, return_indices=True))
     return nearest[beside[0], beside[1]]
-
-
-@kept_jit
-def _places(
-    views: StereoViews, i: Int[Array, ""], position: Float[Array, "points 3"]
-) -> tuple[Array, Array, Array, Array]:
-    """Column, row and distance at which a view sees points, and whether it does."""
-    alone = views[i[None]]
-    column, row, inside = seen_at(alone, position.T)
-    return column[0], row[0], distance_from(alone, position.T)[0], inside[0]
-
-
-@kept_jit
-def _shown(views: StereoViews, i: Int[Array, ""]) -> tuple[Array, Array, Array]:
-    """Rays and colours of the pixels of a view, and which of them count."""
-    own = views[i]
-    ray = rays(own.lens, own.world_from_camera, own.size, own.factor)
-    channels, visible = unpacked(own.pixel, ray.dtype)
-    return ray, jnp.stack(channels, axis=-1), visible

@@ -254,3 +254,33 @@ def unpacked(pixel: Int[Array, "..."], dtype: DTypeLike) -> tuple[Channels, Bool
     """
     channels = tuple(((pixel >> shift) & _LEVELS).astype(dtype) / _LEVELS for shift in _SHIFTS)
     return channels, (pixel >> _MASK_BIT) > 0
+
+
+@kept_jit
+def places_in_view(
+    views: StereoViews, i: Int[Array, ""], position: Float[Array, "points 3"]
+) -> tuple[Array, Array, Array, Array]:
+    """Column, row and distance at which a view sees points, and whether it does.
+
+    Args:
+        views: all views.
+        i: number of the view.
+        position: the points, in the world.
+    """
+    alone = views[i[None]]
+    column, row, inside = seen_at(alone, position.T)
+    return column[0], row[0], distance_from(alone, position.T)[0], inside[0]
+
+
+@kept_jit
+def shown_pixels(views: StereoViews, i: Int[Array, ""]) -> tuple[Array, Array, Array]:
+    """Rays and colours of the pixels of a view, and which of them count.
+
+    Args:
+        views: all views.
+        i: number of the view.
+    """
+    own = views[i]
+    ray = rays(own.lens, own.world_from_camera, own.size, own.factor)
+    channels, visible = unpacked(own.pixel, ray.dtype)
+    return ray, jnp.stack(channels, axis=-1), visible
