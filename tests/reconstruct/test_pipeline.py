@@ -436,7 +436,7 @@ def test_a_given_time_ends_a_fit_and_held_out_tiles_are_looked_at(instant, tmp_p
     looks = []
     monkeypatch.setattr(held_out_tiles, "_LEAST", 1)
     monkeypatch.setattr(step_plan, "_CHECK", 1)
-    monkeypatch.setattr(step_plan, "_LEAST", 1)
+    monkeypatch.setattr(loop, "FEWEST_STEPS", 1)
     monkeypatch.setattr(step_plan.Plateau, "reached", lambda *pair: looks.append(pair[1:]) or True)
     fit = dataclasses.replace(STILL.fit, minutes=1e-3, validate=0.1)
     options = dataclasses.replace(STILL, fit=fit)

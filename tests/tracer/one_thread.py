@@ -81,7 +81,8 @@ def _library(folder, code):
         source = path.with_suffix(".cpp")
         source.write_text(_source(macros))
         assert COMPILER is not None
-        options = ("-std=c++17", "-O1", "-w", "-shared", "-fPIC")
+        # Otherwise libraries share what their templates call static, whose size differs.
+        options = ("-std=c++17", "-O1", "-w", "-shared", "-fPIC", "-fno-gnu-unique")
         subprocess.run([COMPILER, *options, "-o", str(path), str(source)], check=True)
     return ctypes.CDLL(str(path))
 
