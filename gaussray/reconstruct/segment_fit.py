@@ -23,8 +23,6 @@ from gaussray.reconstruct.checks.doubtful_views import doubtful_views
 from gaussray.reconstruct.checks.failed_fit import demand_detail
 from gaussray.reconstruct.checks.pose_check import warn_of_wrong_poses
 from gaussray.reconstruct.initialize.impacts import with_impacts
-from gaussray.reconstruct.initialize.stereo.view_sets import still_views
-from gaussray.reconstruct.initialize.stereo.visual_hull import outside_hull
 from gaussray.reconstruct.loop import run_stage
 from gaussray.reconstruct.motion import with_motion
 from gaussray.reconstruct.optimize.rows import take_rows
@@ -100,8 +98,7 @@ def pruned_segment(
         FitError: pruning failed; the fit is in the checkpoint.
     """
     scene, unmet = session.scene(state, progress)
-    if session.carves:
-        scene, unmet = _carved(session, scene, unmet)
+    scene, unmet = _carved(session, scene, unmet)
     if session.backdrop is not None:
         eye = np.asarray(session.footage.camera.trajectory.translation).reshape(-1, 3)
         scene, unmet = with_backdrop_shell(scene, unmet, session.backdrop, eye)
@@ -206,6 +203,9 @@ def _carved(
     """The scene without the static Gaussians outside the visual hull, and which of the others no
     ray has met: tiles that masks hide wholly are never drawn, but other cameras see what is there.
     """
-    kept = ~outside_hull(still_views(session.footage), np.asarray(scene.static.mean))
+    kept = ~session.outside(np.asarray(scene.static.mean))
+    # Masks that leave none are wrong.
+    if kept.all() or not kept.any():
+        return scene, unmet
     scene = replace(scene, static=take_rows(scene.static, np.flatnonzero(kept)))
     return scene, np.concatenate([unmet[: len(kept)][kept], unmet[len(kept) :]])

@@ -24,6 +24,9 @@ from gaussray.reconstruct.data.still_cameras import still_camera_count
 from gaussray.reconstruct.data.training_pictures import training_pictures
 from gaussray.reconstruct.initialize.appearance import Shown
 from gaussray.reconstruct.initialize.initializer import InitialPoints, initial_points
+from gaussray.reconstruct.initialize.stereo.uncovered import VIEWS
+from gaussray.reconstruct.initialize.stereo.view_sets import first_views
+from gaussray.reconstruct.initialize.stereo.visual_hull import outside_hull
 from gaussray.reconstruct.log import RunLog
 from gaussray.reconstruct.optimize.optimizer import scene_of, transients_of
 from gaussray.reconstruct.optimize.rows import occupied, take_rows
@@ -163,10 +166,16 @@ class Session:
         """Whether any camera took several pictures. Only those tell what moves."""
         return len(np.unique(self.footage.viewpoints)) < len(self.footage.viewpoints)
 
-    @property
-    def carves(self) -> bool:
-        """Whether masks tell which places are empty: of what stands still, that they cut out."""
-        return self.silhouettes and len(self.times) == 1
+    def outside(self, position: Float[np.ndarray, "places 3"]) -> Bool[np.ndarray, " places"]:
+        """Which places are empty because masks cut out what stands still elsewhere; none where
+        masks do not tell.
+
+        Args:
+            position: the places, in the world.
+        """
+        if not self.silhouettes or len(self.times) > 1:
+            return np.zeros(len(position), bool)
+        return outside_hull(first_views(self.footage, VIEWS), position)
 
     @property
     def shows_times_between(self) -> bool:
@@ -266,8 +275,9 @@ class Session:
     ) -> tuple[Scene, Bool[np.ndarray, " gaussians"]]:
         """The scene of a state, without empty rows, and which Gaussians no ray has met.
 
-        Those of them that stood on known points stay, for other cameras may see them; random ones
-        go. Before the first step of a stage none counts as unmet.
+        Those of them that stood on known points stay, for other cameras may see them (unless masks
+        cut out all that there is); random ones go. Before the first step of a stage none counts as
+        unmet.
 
         Args:
             state: the state.

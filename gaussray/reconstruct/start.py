@@ -13,8 +13,7 @@ from gaussray.camera.corrections import Corrections, no_corrections
 from gaussray.reconstruct.data.motion_mask import point_activity
 from gaussray.reconstruct.initialize.from_points import on_points, surrounding, thinned
 from gaussray.reconstruct.initialize.stereo.uncovered import VIEWS, hiding
-from gaussray.reconstruct.initialize.stereo.view_sets import first_views, still_views
-from gaussray.reconstruct.initialize.stereo.visual_hull import outside_hull
+from gaussray.reconstruct.initialize.stereo.view_sets import first_views
 from gaussray.reconstruct.motion_budget import motion_budget
 from gaussray.reconstruct.optimize.free_space import FreeBalls, free_balls
 from gaussray.reconstruct.optimize.optimizer import Parameters
@@ -44,10 +43,10 @@ def initial_state(session: Session, progress: RunProgress) -> tuple[State, RunPr
     fit, (position, color, on_surfaces) = session.options.fit, session.initial_points
     moves = may_move(session, position, on_surfaces=on_surfaces)
     space = _free_space(session, position) if on_surfaces else None
-    if session.carves:
-        within = ~outside_hull(still_views(session.footage), position)
-        within = within if within.any() else ~within
-        position, color, moves = position[within], color[within], moves[within]
+    outside = session.outside(position)
+    # Masks that leave none are wrong.
+    if not outside.all():
+        position, color, moves = position[~outside], color[~outside], moves[~outside]
     if session.still_first or not fit.deforms:
         # What moves gets its Gaussians later (`motion.with_motion`).
         position, color, moves = position[~moves], color[~moves], moves[~moves]
@@ -68,9 +67,7 @@ def initial_state(session: Session, progress: RunProgress) -> tuple[State, RunPr
         # Cameras that stand outside the points look through one of the boxes around these.
         views = first_views(session.footage, VIEWS)
         hides = hiding(views, position, more.mean, more.scale[:, 0], count=fit.points)
-        if session.carves:
-            hides |= outside_hull(views, np.asarray(more.mean))
-        more = take_rows(more, np.flatnonzero(~hides))
+        more = take_rows(more, np.flatnonzero(~hides & ~session.outside(more.mean)))
         gaussians = jax.tree.map(lambda a, b: np.concatenate([a, b]), gaussians, more)
         moves = np.concatenate([moves, np.zeros(more.count, bool)])
     most = session.options.density.room(len(moves))

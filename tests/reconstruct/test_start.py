@@ -9,8 +9,6 @@ import toy
 
 from gaussray.capture.formats.paired import read_capture
 from gaussray.dataset.images import write_image
-from gaussray.reconstruct.initialize.stereo.view_sets import still_views
-from gaussray.reconstruct.initialize.stereo.visual_hull import outside_hull
 from gaussray.reconstruct.log import RunLog
 from gaussray.reconstruct.optimize.rows import occupied, take_rows
 from gaussray.reconstruct.run_progress import RunProgress
@@ -52,13 +50,13 @@ def cut_out(tmp_path):
 
 
 def test_nothing_starts_or_stays_outside_what_masks_show(cut_out):
-    views, points = still_views(cut_out.footage), cut_out.initial_points.position
-    outside = outside_hull(views, points)
-    assert cut_out.carves and outside.any()
+    points = cut_out.initial_points.position
+    outside = cut_out.outside(points)
+    assert outside.any()
     state, progress = initial_state(cut_out, RunProgress())
     kept = state.parameters.static
     static = constrain(take_rows(kept, np.flatnonzero(occupied(kept))))
-    assert static.count and not outside_hull(views, np.asarray(static.mean)).any()
+    assert static.count and not cut_out.outside(np.asarray(static.mean)).any()
     mean = kept.mean.at[0].set(points[outside][0])
     drifted = eqx.tree_at(lambda s: s.parameters.static.mean, state, mean)
     scene, _ = pruned_segment(cut_out, drifted, progress, 1)

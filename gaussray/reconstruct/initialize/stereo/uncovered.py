@@ -25,8 +25,9 @@ from gaussray.reconstruct.initialize.stereo.view_sets import StereoViewSet, smal
 from gaussray.reconstruct.initialize.stereo.views import (
     StereoViews,
     places_in_view,
-    shown_pixels,
+    rays,
     stereo_views,
+    unpacked,
 )
 from gaussray.runtime.progress import ProgressReport, no_report
 from gaussray.runtime.stored_programs import kept_jit
@@ -77,7 +78,7 @@ def uncovered_points(
         dice = np.random.default_rng([seed, i, 4])
         index = jnp.asarray(i)
         nearest, (ray, color, visible) = jax.device_get(
-            (_nearest(views, index, jnp.asarray(every), side), shown_pixels(views, index))
+            (_nearest(views, index, jnp.asarray(every), side), _shown(views, index))
         )
         empty = ~np.isfinite(nearest)
         if not empty.any():
@@ -130,7 +131,7 @@ def coverage(
     for i in range(len(seen.frames)):
         index = jnp.asarray(i)
         nearest, (ray, color, mask) = jax.device_get(
-            (_nearest(views, index, jnp.asarray(position), side), shown_pixels(views, index))
+            (_nearest(views, index, jnp.asarray(position), side), _shown(views, index))
         )
         shown = mask & np.any(ray != 0, axis=0)
         if plain is not None:
@@ -212,3 +213,12 @@ def _with_gaps_filled(
     empty = ~np.isfinite(nearest)
     beside = np.asarray(distance_transform_edt(empty, return_distances=False, return_indices=True))
     return nearest[beside[0], beside[1]]
+
+
+@kept_jit
+def _shown(views: StereoViews, i: Int[Array, ""]) -> tuple[Array, Array, Array]:
+    """Rays and colours of the pixels of a view, and which of them count."""
+    own = views[i]
+    ray = rays(own.lens, own.world_from_camera, own.size, own.factor)
+    channels, visible = unpacked(own.pixel, ray.dtype)
+    return ray, jnp.stack(channels, axis=-1), visible

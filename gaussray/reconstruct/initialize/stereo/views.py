@@ -270,17 +270,3 @@ def places_in_view(
     alone = views[i[None]]
     column, row, inside = seen_at(alone, position.T)
     return column[0], row[0], distance_from(alone, position.T)[0], inside[0]
-
-
-@kept_jit
-def shown_pixels(views: StereoViews, i: Int[Array, ""]) -> tuple[Array, Array, Array]:
-    """Rays and colours of the pixels of a view, and which of them count.
-
-    Args:
-        views: all views.
-        i: number of the view.
-    """
-    own = views[i]
-    ray = rays(own.lens, own.world_from_camera, own.size, own.factor)
-    channels, visible = unpacked(own.pixel, ray.dtype)
-    return ray, jnp.stack(channels, axis=-1), visible

@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float
 from scipy.ndimage import binary_dilation
 
 from gaussray.reconstruct.initialize.stereo.view_sets import StereoViewSet, small_views
-from gaussray.reconstruct.initialize.stereo.views import places_in_view, shown_pixels
+from gaussray.reconstruct.initialize.stereo.views import places_in_view, unpacked
 
 
 # By so many pixels of a reduced picture masks are wider than drawn: rims are uncertain.
@@ -27,11 +27,12 @@ def outside_hull(
         position: the places, in the world.
     """
     views = small_views(seen)
+    _, masks = unpacked(views.pixel, np.float32)
     hidden, within = np.zeros(len(position), int), np.zeros(len(position), int)
-    for i in range(len(seen.frames)):
-        index = jnp.asarray(i)
-        column, row, _, inside = jax.device_get(places_in_view(views, index, jnp.asarray(position)))
-        visible = np.asarray(binary_dilation(shown_pixels(views, index)[2], iterations=_RIM), bool)
+    places = jnp.asarray(position)
+    for i, mask in enumerate(np.asarray(masks)):
+        column, row, _, inside = jax.device_get(places_in_view(views, jnp.asarray(i), places))
+        visible = np.asarray(binary_dilation(mask, iterations=_RIM), bool)
         y, x = (
             np.clip(np.where(inside, place, 0).astype(int), 0, size - 1)
             for place, size in zip((row, column), visible.shape, strict=True)
